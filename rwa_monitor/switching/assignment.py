@@ -1,8 +1,8 @@
 """Stage 3: which hidden switching system made which jump, and which candidates are no jumps (method `joint`, errata 8).
 
-1. The slope that all levels share, positions of the candidates and signs of their jumps, from the range sums.
-2. The best assignments for these, by an exact search.
-3. Slope, positions and signs again, from the accepted changepoints; back to 2 until nothing changes.
+1. Estimate the slope common to all levels, positions of the candidates and signs of their jumps from the range sums.
+2. Find the best assignments for these by dynamic programming.
+3. Estimate slope, positions and signs again from the accepted changepoints; repeat from 2 until nothing changes.
 4. The best few are ranked by the full likelihood: slope and friction of all sojourns integrated out, closure at q = 0,
    friction laws (`friction_model`).
 5. The probability of each attribution is the weight of the assignments that share it.
@@ -14,14 +14,14 @@ few of each state are kept. The score of a path is
     Σ segments  fit(segment)  +  Σ sojourns  log P(duration), log P(transition)  +  Σ priors of unattributed jumps
     +  Σ jumps  log P(size | friction of the system before).
 
-For given fits, durations, signs and sizes a path is dropped only when an upper bound of all that can follow is more
-than `margin` below a complete path that is already known: a narrow first pass finds one. Past the budget the best by
-that bound survive, and the result is marked as pruned.
+For given fits, durations, signs and sizes a path is dropped only when an upper bound of its complete score is more
+than `margin` below a complete path that is already known: a narrow first pass finds one. Beyond the budget only the
+best by that bound are kept, and the result is marked as pruned.
 
-Without the last sum the search would be exact. The sizes bring closure into it: a system that returns to rest undoes
-what it added before. A system's friction is a function of its state where it has two configurations, and the search is
-exact; with more it depends on the path too, and is nearly always right because the few best entries of each state are
-kept, each with its own friction (the tests count). The loops are in `kernels/assignment.cpp`.
+Without the last sum the search would be exact. That sum enforces closure: a system that returns to rest removes what
+it added before. Where a system has two configurations, its friction is a function of the state, and the search stays
+exact; with more it depends on the path too, and the search is nearly always right because the few best entries of each
+state are kept, each with its own friction (the tests count the failures). The loops are in `kernels/assignment.cpp`.
 """
 
 from functools import lru_cache
@@ -57,18 +57,18 @@ from rwa_monitor.switching.duration_likelihoods import Onset, onsets, tabulated_
 from rwa_monitor.switching.friction_model import Posterior, Priors, law_moments, prior_tables, priors_of, solve
 from rwa_monitor.wheel.wheel import Wheel
 
-KEPT_PATHS: Final = 16  # weighed beside each other
-MARGIN: Final = 10.0  # log-likelihood below the best at which an assignment is of no interest (e^-10 < 1e-4)
+KEPT_PATHS: Final = 16  # paths ranked by the full likelihood
+MARGIN: Final = 10.0  # log-likelihood below the best at which an assignment is negligible (e^-10 < 1e-4)
 BUDGET: Final = 2000  # extensions kept per candidate
 MAX_ROUNDS: Final = 4
-SETTLED: Final = 0.1  # log-likelihood that a change of the slope may still be worth
+SETTLED: Final = 0.1  # change of the log-likelihood by the slope below which the iteration has converged
 SAME_JUMP: Final = 5  # slots: attributions of positions closer than this are the same
 
 
 class Scores(NamedTuple):
     """All that the score of a path depends on, as kernels take it.
 
-    Nodes: 0 the window's begin, 1 … m candidates, m + 1 its end. S systems, Q configurations.
+    Nodes: 0 is the window's begin, 1 … m the candidates, m + 1 its end. S systems, Q configurations.
 
     Attributes
     ----------
@@ -79,7 +79,7 @@ class Scores(NamedTuple):
     configurations
         int64 (S,), number of configurations of each system.
     signs
-        bool (m, 2): whether the level may fall, may rise at each candidate.
+        bool (m, 2): for each candidate, whether the level may fall there, and whether it may rise.
     actions
         See `action_table`.
     size, size_variance
@@ -110,7 +110,7 @@ class Scores(NamedTuple):
 
 
 class _Inputs(NamedTuple):
-    """The window, its wheel, and what is known before it."""
+    """The window, its wheel, and the priors."""
 
     evidence: Evidence
     wheel: Wheel
@@ -146,14 +146,14 @@ def assign(
     wheel
         Its wheel; any number of switching systems.
     carried
-        What earlier windows showed, or None.
+        The state after earlier windows, or None.
     priors
-        In place of `window_priors`.
+        Used in place of `window_priors`.
 
     Returns
     -------
     tuple[Assignment, Estimate]
-        All candidates, with rejected ones; and levels and slope between the accepted changepoints.
+        All candidates, including the rejected; and levels and slope between the accepted changepoints.
     """
     inputs = _Inputs(
         evidence,
@@ -190,7 +190,7 @@ def assign(
 
 
 def window_priors(evidence: Evidence, wheel: Wheel, carried: CarriedState | None = None) -> Priors:
-    """Return what is known before a window; sizes seen in it stand in for what the wheel file does not state."""
+    """Return the priors of a window; its own level and jump sizes set the scale where the wheel file states none."""
     return priors_of(wheel, carried, evidence.sums.mean[1], typical_jump(evidence.candidates.jump))
 
 
@@ -201,7 +201,7 @@ def _measure(inputs: _Inputs, index: IntArray, accepted: IntArray) -> Level:
 
 
 def _refined(inputs: _Inputs, level: Level, accepted: IntArray) -> IntArray:
-    """Return all positions, those of the accepted candidates refined between accepted neighbours."""
+    """Return the positions of all candidates, those of the accepted ones refined between accepted neighbours."""
     reach = reach_of(inputs.evidence.candidates)[accepted]
     moved = level.at.copy()
     moved[accepted] = refine(inputs.evidence.sums, level.at[accepted], reach, level.slope, inputs.variance)
@@ -213,8 +213,8 @@ def _scores(inputs: _Inputs, level: Level, signs: BoolArray) -> Scores:
     systems, priors, slots = inputs.wheel.fss, inputs.priors, inputs.evidence.slots
     durations = tabulated_durations(systems, level.at, slots, inputs.onsets)
     law_mean, law_variance = law_moments(priors.laws, priors.anomaly)
-    # A candidate costs nothing to reject: that it exists is already in the data. Nor do two systems that jump at once:
-    # both laws must end at this very slot, which is rare enough.
+    # Rejecting a candidate has no prior cost: that it exists is already in the data. Neither have two systems that jump
+    # at once: the duration laws make it rare enough that both sojourns end at the same slot.
     return Scores(
         fit=fit_table(level.pairs, level.slope, inputs.variance, level.spread),
         **durations._asdict(),
@@ -235,9 +235,9 @@ def _scores(inputs: _Inputs, level: Level, signs: BoolArray) -> Scores:
 def action_table(systems: int) -> IntArray:
     """Return what can happen at a candidate: rows (system, step, second system, step), -1 for none.
 
-    Step 2·m + d, from 0 to STEPS - 1, goes down (d = 0) or up (1), after no jump without a candidate (m = 0), or one
-    down (1) or up (2). The first two rows reject the candidate, and accept it as a jump that no system made. Where two
-    jump at once, no jump is missed before.
+    Step 2·m + d, from 0 to STEPS - 1, goes down (d = 0) or up (1), preceded by no missed jump (m = 0; a missed jump has
+    no candidate), or by one down (1) or up (2). The first two rows reject the candidate, and accept it as unattributed.
+    Where two systems jump at once, neither has a missed jump before.
     """
     rows = [(-1, -1, -1, -1), (-1, -1, -1, -1)]
     rows += [(s, step, -1, -1) for s in range(systems) for step in range(STEPS)]
@@ -252,7 +252,7 @@ def action_table(systems: int) -> IntArray:
 
 
 def _rank(inputs: _Inputs, scores: Scores, starts: IntArray, taken: IntArray, level: Level) -> list[_Ranked]:
-    """Score the best paths, see `find_paths`, by the full likelihood, best first."""
+    """Score the paths that `find_paths` returned by the full likelihood; best first."""
     cases = prior_tables(inputs.priors)
     slots, variance, scatter = inputs.evidence.slots, inputs.variance, level_scatter(inputs.variance)
     ranked = []
@@ -265,12 +265,12 @@ def _rank(inputs: _Inputs, scores: Scores, starts: IntArray, taken: IntArray, le
 def _result(
     inputs: _Inputs, index: IntArray, ranked: list[_Ranked], states: int, pruned: bool
 ) -> tuple[Assignment, Estimate]:
-    """Bring the best path into the form that later stages read."""
+    """Convert the best path to an `Assignment` and the levels between its changepoints."""
     best = ranked[0]
     evidence, candidates = inputs.evidence, inputs.evidence.candidates
     accepted = np.flatnonzero(best.system[:, 0] != REJECTED)
     levels = estimate(evidence, index[accepted], prior=inputs.priors.slope)
-    # The standard deviation of a contrast is the jump over the root of its χ² statistic.
+    # The standard deviation of a contrast is the jump divided by the root of its χ² statistic.
     jump, std = candidates.jump.copy(), np.abs(candidates.jump) / np.sqrt(np.maximum(candidates.statistic, 1e-12))
     jump[accepted] = levels.level[1:] - levels.level[:-1]
     std[accepted] = levels.jump_std
@@ -280,7 +280,7 @@ def _result(
     double, alone = best.system[:, 1] != REJECTED, best.system[:, 0] == UNATTRIBUTED
     direction = best.direction.copy()
     direction[alone, 0] = np.sign(jump[alone])
-    # One entry for each candidate, and a second one where two systems jump at once, of which each has its own share.
+    # One entry for each candidate, and a second one where two systems jump at once, each with its own share.
     reported = np.stack([np.ones_like(double), double], axis=1)
     row = reported.nonzero()[0]
     system, size, size_std = best.system[reported], jump[row], std[row]
@@ -308,7 +308,7 @@ def _result(
 
 
 def _alternatives(ranked: list[_Ranked], index: IntArray) -> tuple[Alternative, ...]:
-    """Return the likeliest path of each sequence of configurations, with the weight of all that share it."""
+    """Return the likeliest path of each sequence of configurations, with the weight of all paths that share it."""
     alike: dict[bytes, list[_Ranked]] = {}
     for one in ranked:
         alike.setdefault(one.path.visited(), []).append(one)
@@ -324,9 +324,9 @@ def _alternatives(ranked: list[_Ranked], index: IntArray) -> tuple[Alternative, 
 
 
 def _confidence(ranked: list[_Ranked], index: IntArray) -> FloatArray:
-    """Return the probability of each attribution of the best: the weight of all that agree, (m, 2).
+    """Return the probability of each attribution of the best path: the weight of all paths that agree, (m, 2).
 
-    The same system and direction at a candidate within SAME_JUMP slots is the same attribution.
+    Two attributions agree where system and direction are equal, at candidates within SAME_JUMP slots.
     """
     system, direction = ranked[0].system, ranked[0].direction
     weights = softmax(np.array([one.score for one in ranked]))
@@ -344,13 +344,13 @@ def _confidence(ranked: list[_Ranked], index: IntArray) -> FloatArray:
 
 
 def softmax(scores: FloatArray) -> FloatArray:
-    """Return exp(scores) over their sum; scipy's does the same behind a dispatch that costs more than it."""
+    """Return exp(scores) over their sum; the call overhead of scipy's exceeds the computation."""
     weights = np.exp(scores - scores.max())
     return np.asarray(weights / weights.sum())
 
 
 def _own_jump(posterior: Posterior, starts: tuple[IntArray, ...], who: int, slot: int) -> tuple[float, float]:
-    """Return one system's share of a jump that two made at once, from the friction of its sojourns."""
+    """Return size and std of one system's share of a jump that two made at once, from the friction of its sojourns."""
     after = int(np.searchsorted(starts[who], slot, side="right")) - 1
     size, variance = 0.0, 0.0
     for sojourn, sign in ((after - 1, -1.0), (after, 1.0)):

@@ -1,12 +1,12 @@
 """The carried state: what earlier windows of a wheel pass on to the next one.
 
-A window alone cannot show everything: where a switching system never rests (q = 0), its friction and the base dry
-friction are one number (errata 10). Earlier windows of the same wheel distinguish them. What they showed is kept here,
-small, normalised as in `stage_results`, and written as JSON with 12 significant digits; a diagnosis is a function of
-its window and this state, whose hash it names.
+A window alone does not identify everything: where a switching system never rests (q = 0), only the sum of its friction
+and the base dry friction is identifiable (errata 10). Earlier windows of the same wheel separate them. The estimates of
+these windows are kept here, small, normalised as in `stage_results`, and written as JSON with 12 significant digits; a
+diagnosis is a function of its window and this state, whose hash it names.
 
-What is carried never moves a nominal range. Those come from the model alone, so a slowly growing anomaly cannot become
-the new normal: the state only follows what the wheel's friction *is*, normal or not.
+The carried state never moves a nominal range. Those come from the model alone, so a slowly growing anomaly cannot
+become the new normal: the state only tracks what the wheel's friction *is*, normal or not.
 """
 
 from __future__ import annotations
@@ -25,14 +25,14 @@ from rwa_monitor.wheel.wheel import Wheel
 MAX_STATE_BYTES: Final = 200_000  # a state of 8 systems with 16 configurations takes some 20 kB
 
 # Friction of a healthy wheel moves by a few per cent with temperature and age (lubricant: months; bearing temperature:
-# an orbit). From one window to the next the random walk below is allowed, as a part of the value itself.
+# an orbit). Step of the random walk from one window to the next, as a fraction of the value.
 DRIFT_PER_WINDOW: Final = 0.01
-# From one window to the next a wheel may change for good with this probability (one in fifty windows, six days of
-# windows of 10,000 s; a working assumption): then it is as likely anomalous as any, and a coefficient is anywhere.
+# Probability of a permanent change of the wheel from one window to the next (one in fifty windows, six days of windows
+# of 10,000 s; a working assumption): then it is as likely anomalous as any wheel, and a coefficient may be anywhere.
 CHANGE_PER_WINDOW: Final = 0.02
 # Wear does not heal: of the changes of an anomalous wheel, this share leaves it anomalous whatever else they do.
 STILL_ANOMALOUS: Final = 0.98
-# What a configuration's friction was is forgotten with this factor per window, so that about the last 20 windows count.
+# Forgetting factor per window of a configuration's friction, so that about the last 20 windows count.
 REMEMBERED: Final = 0.95
 
 Count = Annotated[int, Field(ge=0)]
@@ -46,9 +46,9 @@ class Tracked(Strict):
     mean, std
         Current value and its standard deviation, normalised.
     windows
-        Windows that it was learned from.
+        Number of windows that it was learned from.
     held
-        Probability that the value is still this one: it may have changed in a window that did not show it.
+        Probability that the value has not changed since: it may have in a window that did not identify it.
     """
 
     mean: Finite
@@ -61,17 +61,17 @@ class Tracked(Strict):
         return Tracked.model_validate({**dict(self), **fields})
 
     def drifted(self) -> Tracked:
-        """Return what is known of the value one window later, before that window is seen."""
+        """Return the prediction for the next window, before that window is seen."""
         std = math.hypot(self.std, DRIFT_PER_WINDOW * abs(self.mean))
         return self.changed(std=std, held=(1.0 - CHANGE_PER_WINDOW) * self.held)
 
     def scaled(self, factor: float) -> Tracked:
-        """Return the value in another unit."""
+        """Return the value in another unit: mean and std times `factor`."""
         return self.changed(mean=self.mean * factor, std=self.std * abs(factor))
 
 
 class FrictionMemory(Strict):
-    """Friction that a configuration showed lately, each window's share forgotten by `REMEMBERED` per window.
+    """Recent friction of a configuration, with exponential forgetting by `REMEMBERED` per window.
 
     Attributes
     ----------
@@ -87,15 +87,15 @@ class FrictionMemory(Strict):
 
 
 class SystemState(Strict):
-    """What earlier windows showed of one switching system.
+    """State of one switching system after earlier windows.
 
     Attributes
     ----------
     name
         The system's name in the wheel file.
     configuration, age
-        Where the system is at the slot at which the next window begins, and for how many slots at least it has been
-        there; None where that is not known.
+        Configuration at the slot at which the next window begins, and the least number of slots that the system has
+        been in it; None where not known.
     friction
         One memory for each configuration, None for those not seen.
     """
@@ -112,15 +112,15 @@ class CarriedState(Hashed):
     Attributes
     ----------
     version
-        Of this format.
+        Version of this format.
     windows
-        Windows diagnosed so far.
+        Number of windows diagnosed so far.
     base_dry, viscous
-        The friction coefficients as they are now, normal or not. Learned only from windows that show them.
+        Current friction coefficients, normal or not. Learned only from windows that identify them.
     noise_std
         Noise of the last window.
     probability
-        For each anomaly the probability after the last window, the prior of the next one.
+        For each anomaly the probability after the last window, from which the prior of the next one follows.
     inadequate
         Windows in a row in which the friction model did not fit.
     fss
@@ -141,11 +141,11 @@ class CarriedState(Hashed):
 
     @staticmethod
     def empty() -> CarriedState:
-        """Return the state before any window: always the same one, so that it is hashed once."""
+        """Return the state before any window: always the same object, so that it is hashed once."""
         return _EMPTY
 
     def system(self, name: str) -> SystemState | None:
-        """Return what is known of the switching system of that name, or None."""
+        """Return the state of the switching system of that name, or None."""
         return next((system for system in self.fss if system.name == name), None)
 
     def to_json(self) -> str:
@@ -159,7 +159,7 @@ _EMPTY: Final = CarriedState()
 def next_systems(
     carried: CarriedState, wheel: Wheel, assignment: Assignment, components: Components, *, learn: bool
 ) -> tuple[SystemState, ...]:
-    """Return what is known of each switching system after a window.
+    """Return the state of each switching system after a window.
 
     Parameters
     ----------
@@ -170,27 +170,27 @@ def next_systems(
     assignment, components
         Results of stage 3.
     learn
-        Whether the window itself shows the base dry friction; otherwise the systems' friction is not learned from it.
+        Whether the window itself identifies the base dry friction; else the systems' friction is not learned from it.
     """
     return tuple(_next_system(carried, wheel, s, assignment, components, learn=learn) for s in range(len(wheel.fss)))
 
 
 def rate_after_change(probability: float, rate: float) -> float:
-    """Return the probability of an anomaly after a change, that before it and how often it occurs being given."""
+    """Return the probability of an anomaly after a change, given that before it and its rate in the population."""
     return rate + STILL_ANOMALOUS * probability * (1.0 - rate)
 
 
 def probability_before(probability: float, rate: float) -> float:
-    """Return the probability of an anomaly before a window, that after the last one and its rate being given.
+    """Return the prior probability of an anomaly in a window, given that after the last one and its rate.
 
-    Time alone brings it to the rate at most: a hundred windows that show nothing must not add up to an anomaly.
+    Time alone raises it to the rate at most: a hundred windows without information must not add up to an anomaly.
     """
     changed = probability + CHANGE_PER_WINDOW * (rate_after_change(probability, rate) - probability)
     return min(changed, max(probability, rate))
 
 
 def follow(before: Tracked | None, value: float, std: float, *, known: bool) -> Tracked | None:
-    """Follow a value of which nothing was learned; where the window does not show it, only its uncertainty grows."""
+    """Update a tracked value without a learned model by a window's estimate; unless `known`, only its std grows."""
     drifted = None if before is None else before.drifted()
     if not (known and math.isfinite(value) and math.isfinite(std)):
         return drifted
@@ -217,7 +217,7 @@ def _next_system(
     hop = wheel.window.hop_slots
     if configurations.size == 0 or hop > wheel.window.samples:
         return SystemState(name=system.name, friction=memories)
-    # The next window begins `hop` slots after this one: where the windows overlap, what counts is the system there.
+    # The next window begins `hop` slots after this one: where windows overlap, the state at that slot counts.
     current = int(np.searchsorted(starts, hop, side="right")) - 1
     current = max(current, 0)
     age = hop - int(starts[current])
@@ -229,7 +229,7 @@ def _next_system(
 def _remember(
     before: FrictionMemory | None, configuration: IntArray, friction: FloatArray, q: int
 ) -> FrictionMemory | None:
-    """Discount a share of what configuration q showed and add its new sojourns, those whose friction is known."""
+    """Discount the memory of configuration q and add its new sojourns, those whose friction is finite."""
     own = friction[np.isfinite(friction) & (configuration == q)]
     if before is None and own.size == 0:
         return None

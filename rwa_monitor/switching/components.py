@@ -1,10 +1,10 @@
-"""Friction split into base, viscous and each sojourn's share, given who jumped when (errata 10).
+"""Friction split into base, viscous and each sojourn's share, given a switching path (errata 10).
 
-The same linear Gaussian model that ranks the assignments. Where a system rests in the window, the data alone
-distinguish base and system. Where it never does, learned friction laws and earlier windows decide as far as they can. A
-system that shows fewer configurations than it has may also be one configuration higher or lower throughout, which
-leaves every jump as it is and moves the base by a whole configuration: such paths count by their probability. The
-values are those of the assignment; what the alternatives leave open shows in the standard deviations.
+Uses the same linear Gaussian model that ranks the assignments. Where a system rests in the window, the data alone
+separate base and system. Where it never does, learned friction laws and earlier windows do so as far as they can. A
+system that visits fewer configurations than it has may also be one configuration higher or lower throughout, which
+leaves every jump unchanged and moves the base by a whole configuration: such paths are weighted by their probability.
+The values are those of the assigned path; the standard deviations include the distance to the alternatives.
 """
 
 import math
@@ -34,8 +34,8 @@ from rwa_monitor.switching.duration_likelihoods import Number, log_probability, 
 from rwa_monitor.switching.friction_model import Posterior, Priors, measure, priors_of, solve
 from rwa_monitor.wheel.wheel import Wheel
 
-MOST_PATHS: Final = 8  # paths that are handed on
-LEAST_SCORE: Final = -8.0  # log-likelihood under broad friction laws: the learned ones make up for less than that
+MOST_PATHS: Final = 8  # paths that are returned
+LEAST_SCORE: Final = -8.0  # below the assigned path's, under broad friction laws: learned laws make up for less
 
 
 def split(
@@ -50,13 +50,14 @@ def split(
     evidence, wheel
         The window and its wheel.
     carried
-        What earlier windows showed, or None.
+        The state after earlier windows, or None.
 
     Returns
     -------
     Components
         Normalised. Jumps that no system made are part of the base: it is the mean over the window's samples. Where the
-        wheel names no system at all, they show that there is one; then any share of the level may be its friction.
+        wheel names no system at all, jumps imply that there is one, and any share of the level may be its friction:
+        the base's standard deviation then includes the base itself.
     """
     path = SwitchingPath.of(
         assignment.configurations, assignment.starts, assignment.index[assignment.system == UNATTRIBUTED]
@@ -67,7 +68,7 @@ def split(
     priors = priors_of(wheel, carried, level, typical_jump(assignment.jump[assignment.system != REJECTED]))
     estimate_by = partial(_estimate, evidence, priors, effective_variance(evidence.noise))
 
-    paths = _raised(path, wheel)
+    paths = _shifted(path, wheel)
     durations_of = _durations_of(paths, wheel, evidence.slots, carried)
     estimates = [estimate_by(solve, one, jumps, log) for one, log in zip(paths, durations_of, strict=True)]
     scores = [one.log_weight for one in estimates]
@@ -75,7 +76,7 @@ def split(
     parts = [one.components for one in estimates]
     base_std = _spread(weights, [one.base_dry for one in parts], [one.base_dry_std for one in parts])
     alternatives = _alternatives(assignment, jumps, paths, scores, durations_of)
-    # A configuration 0 with friction of its own is never distinguished from the base, and the paths do not compare.
+    # If a configuration 0 has friction of its own, that is not separable from the base, and paths are not comparable.
     compare = len(alternatives) > 1 and all(of_system[0].fixed_at_zero for of_system in priors.laws)
     return parts[0]._replace(
         base_dry_std=float(np.hypot(base_std, parts[0].base_dry if jumps.size and not wheel.fss else 0.0)),
@@ -87,8 +88,8 @@ def split(
     )
 
 
-def _raised(path: SwitchingPath, wheel: Wheel) -> list[SwitchingPath]:
-    """Return the path, and those in which systems are some configurations higher or lower throughout."""
+def _shifted(path: SwitchingPath, wheel: Wheel) -> list[SwitchingPath]:
+    """Return the path, then those in which systems are shifted up or down by whole configurations throughout."""
     options = []
     for system, visited in zip(wheel.fss, path.split(path.configurations), strict=True):
         low, high = -int(visited.min()), system.configurations - 1 - int(visited.max())
@@ -100,7 +101,7 @@ def _raised(path: SwitchingPath, wheel: Wheel) -> list[SwitchingPath]:
 
 
 def _durations_of(paths: list[SwitchingPath], wheel: Wheel, slots: int, carried: CarriedState | None) -> list[float]:
-    """Return the log-probability of each path by durations; 0 of a single one, which is weighed against no other."""
+    """Return the log-probability of each path's durations; 0 for a single path, which is compared with no other."""
     if len(paths) == 1:
         return [0.0]
     first_sojourns = onsets(wheel.fss, carried)
@@ -150,14 +151,14 @@ def _estimate(
 def _alternatives(
     assignment: Assignment, index: IntArray, paths: list[SwitchingPath], scores: list[float], durations: list[float]
 ) -> list[Alternative]:
-    """Return the paths worth weighing: those of the assignment, and the assigned one with systems higher or lower.
+    """Return the likely paths: those of the assignment, and the assigned one with systems shifted throughout.
 
     Parameters
     ----------
     assignment, index
         The assignment and the slots of its jumps.
     paths, scores, durations
-        The assigned path and those with systems higher or lower, their log-likelihoods and the durations' part.
+        The assigned path and the shifted ones (`_shifted`), their log-likelihoods and the durations' part of these.
     """
     assigned = (
         assignment.alternatives[0] if assignment.alternatives else Alternative(paths[0], index, durations[0], scores[0])
@@ -175,7 +176,7 @@ def _alternatives(
 
 
 def _spread(weights: FloatArray, values: Sequence[Number], stds: Sequence[Number]) -> FloatArray:
-    """Return the root mean square distance from the first path's values to all that may be; one entry a path."""
+    """Return the root mean square deviation from the first path's values over all paths; one entry per path."""
     if weights.size == 1:
         return np.asarray(stds[0])
     squares = np.array(stds) ** 2 + (np.array(values) - values[0]) ** 2

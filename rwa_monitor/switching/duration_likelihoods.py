@@ -1,21 +1,21 @@
 """Log-probabilities of sojourns between candidates, tabulated once per window so that the search only looks them up.
 
 Every duration law is *soft*: mixed with a small share of a broad one, so that no hard support makes a window
-infeasible (an undetected short sojourn, a law that is a little wrong). The broad law is a Lomax law of the same mean,
+infeasible (an undetected short sojourn, a law that is a little wrong). The broad law is a Lomax law of the same mean m,
 
     P(τ ≥ e) = (1 + (e - 1) / m)^-2,
 
-heavy enough for a sojourn that swallowed an undetected excursion and flat enough for one that is much too short.
+heavy-tailed enough for a sojourn that spans an undetected excursion, and flat enough for one that is much too short.
 
-The ends of the window are censored (errata 9). With S(e) = P(τ ≥ e), μ the mean duration, π the stationary law of the
-jumping chain and N the length of the window, all of the soft laws:
+Sojourns at the window's ends are censored (errata 9). With S(e) = P(τ ≥ e), μ the mean duration, π the stationary law
+of the jumping chain and N the length of the window, all of the soft laws:
 
 - first sojourn, in q, ended by a jump after e slots:   π_q S_q(e) / Σ_j π_j μ_j
 - last sojourn, in q, begun e slots before the end:     S_q(e)
 - a system that does not jump in the window:            π_q Σ_{r ≥ N} S_q(r) / Σ_j π_j μ_j
 
-Where earlier windows showed in which configuration a system entered the window, the first sojourn is a mixture of what
-they showed and of the above.
+Where earlier windows give the configuration in which a system entered the window, the law of the first sojourn is a
+mixture of that configuration's, given its age, and of the above.
 """
 
 from functools import lru_cache
@@ -35,7 +35,7 @@ Number = float | FloatArray
 
 
 class Onset(NamedTuple):
-    """What is known of a system's first sojourn: its configuration, -1 for nothing, and its slots before the window."""
+    """A system's first sojourn as known from earlier windows: configuration (-1: unknown), slots before the window."""
 
     configuration: int
     age: int
@@ -80,7 +80,7 @@ def broad_pmf(slots: FloatArray, mean: Number) -> FloatArray:
 
 
 def onsets(systems: tuple[SwitchingSystem, ...], carried: CarriedState | None) -> tuple[Onset | None, ...]:
-    """Return for each system what earlier windows showed of its first sojourn."""
+    """Return for each system its first sojourn as known from earlier windows, or None."""
     found: list[Onset | None] = []
     for system in systems:
         known = carried.system(system.name) if carried else None
@@ -105,7 +105,7 @@ def tabulated_durations(
     slots
         Length of the window [slots].
     first
-        What is known of each system's first sojourn, or None.
+        Each system's first sojourn as known from earlier windows, or None.
     """
     nodes = index.size + 1
     width = max((system.configurations for system in systems), default=1)
@@ -132,14 +132,14 @@ def tabulated_durations(
 
 
 class Chain(NamedTuple):
-    """What of a system's laws depends on the window's length at most, as kernels take it; Q configurations.
+    """Figures of a system's laws that depend on no candidate, at most on the window's length; Q configurations.
 
     Attributes
     ----------
     means
         float64 (Q,), mean durations of the soft laws [slots].
     entered
-        float64 (Q,), how often a sojourn in q begins, per slot: π_q / Σ_j π_j μ_j.
+        float64 (Q,), rate at which sojourns in q begin, per slot: π_q / Σ_j π_j μ_j.
     never
         float64 (Q,), probability that the first sojourn is in q and outlasts the window.
     turn
@@ -154,7 +154,7 @@ class Chain(NamedTuple):
 
 @lru_cache(maxsize=256)
 def _chain_of(system: SwitchingSystem, slots: int) -> Chain:
-    """Return what of a system's laws does not depend on what happened in a window of `slots`."""
+    """Return the figures of a system's laws for a window of `slots`."""
     laws, pi = system.durations, jumping_chain_law(system)
     cycle = sum(float(p) * soft_survival_sum(law, 1) for p, law in zip(pi, laws, strict=True))
     up = np.array([system.probability_up(q) for q in range(system.configurations)])

@@ -1,11 +1,11 @@
-"""Base, viscous and each sojourn's friction as one linear Gaussian model, given who jumped when.
+"""Base, viscous and each sojourn's friction as one linear Gaussian model, given a switching path.
 
-The level between two changepoints is the base, plus the friction of the sojourn in which each system then is (0 in
-configuration 0: a return jump undoes its entry), plus jumps that no system made. With Gaussian priors the posterior
-and the evidence have closed forms; both come from the sufficient statistics of the segments.
+The level between two changepoints is the base, plus the friction of each system's current sojourn (0 in configuration
+0: a return jump cancels its entry), plus jumps that no system made. With Gaussian priors the posterior and the evidence
+have closed forms; both come from the sufficient statistics of the segments.
 
-The priors are a mixture of cases, each a Gaussian model of its own. Where the window
-distinguishes the parts, all cases agree; where it does not, the mixture is the estimate.
+The priors are a mixture of cases, each a Gaussian model of its own. Where the window identifies the parts, all cases
+agree; where it does not, the mixture is the estimate.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from rwa_monitor.samples import TINY, FloatArray, IntArray
 from rwa_monitor.switching.carried_state import CHANGE_PER_WINDOW, CarriedState
 from rwa_monitor.wheel.wheel import SwitchingSystem, Wheel
 
-FLAT_STD: Final = 30.0  # normalised: a prior so wide decides nothing, and the sums keep their digits
+FLAT_STD: Final = 30.0  # normalised: wide enough not to influence the estimate, without loss of digits in the sums
 
 
 class Cases(NamedTuple):
@@ -64,7 +64,7 @@ class Posterior(NamedTuple):
     covariance
         Their covariance.
     column
-        For each system: int64 (sojourns,), where its friction stands in `mean`; -1 where it is 0 by law.
+        For each system: int64 (sojourns,), index of its friction in `mean`; -1 where it is 0 by law.
     """
 
     log_evidence: float
@@ -82,15 +82,15 @@ def solve(
     Parameters
     ----------
     path
-        Who jumped when.
+        Which system jumped at which slot.
     borders
         int64 (segments + 1,), slots at which segments begin and end.
     statistics
         float64 (6, segments), sufficient statistics of the segments, see `RunningSums.between`.
     priors
-        What is known before.
+        The priors.
     variance
-        Of the noise, as `estimation.effective_variance`.
+        Variance of the noise, as `estimation.effective_variance`.
     scatter
         Variance of the levels about the model, as `estimation.level_scatter`.
     """
@@ -111,17 +111,17 @@ def prior_tables(priors: Priors) -> Cases:
 def measure(
     path: SwitchingPath, borders: IntArray, statistics: FloatArray, priors: Priors, variance: float, scatter: float
 ) -> Posterior:
-    """Solve the linear model of one path without friction laws: base and sojourns by the samples alone.
+    """Solve the linear model of one path without friction laws: base and sojourns from the samples alone.
 
     The log evidence is then that of the samples with base and friction integrated out over flat priors of density 1,
-    so that paths with different numbers of them compare once their friction is weighed by its laws. Where systems
-    never rest, friction can move from the base to each of them without a trace in the samples; of these directions it
-    is the evidence per unit of the systems' friction, and the means are one point of many.
+    so that paths with different numbers of sojourns are comparable once their friction is weighted by its laws. For
+    systems that never rest, shifting friction from the base to them leaves the samples unchanged; along these
+    directions it is the evidence per unit of the systems' friction, and the means are one solution of many.
 
     Parameters
     ----------
     path, borders, statistics, priors, variance, scatter
-        See `solve`; of the priors, those of the slope and of unattributed jumps count.
+        See `solve`; of the priors, only those of the slope and of unattributed jumps matter.
     """
     laws = law_table(priors.laws).copy()
     laws[laws.any(axis=-1), 1] = FLAT_STD
@@ -129,23 +129,23 @@ def measure(
     cases = prior_tables(priors._replace(base=(flat,), anomaly=((unchanged,),) * len(priors.laws)))
     found = _posterior(path, solve_cases(path, borders, statistics, cases._replace(laws=laws), variance, scatter))
     free = 1 + sum(int(np.count_nonzero(column >= 0)) for column in found.column)
-    # The sojourns of the systems that never rest: along such a direction all of them rise and the base falls.
+    # Numbers of sojourns of the systems that never rest: along its direction all of a system's rise and the base falls.
     moving = [float(column.size) for column in found.column if column.size and (column >= 0).all()]
     lost = float(np.linalg.slogdet(np.ones((len(moving), len(moving))) + np.diag(moving))[1])
     gained = (free - len(moving)) * math.log(FLAT_STD * math.sqrt(2.0 * math.pi)) + 0.5 * lost
     return found._replace(log_evidence=found.log_evidence + gained)
 
 
-# ---- what is known of friction before a window: from the wheel file and from earlier windows -------------------------
+# ---- the priors of friction in a window: from the wheel file and from earlier windows --------------------------------
 #
 # Prior of a system's friction: sojourn j in configuration q has (1 + a) (mid_q + d_j), where the anomaly a is shared by
 # all sojourns of the system (paper: an anomaly changes P_f) and d_j is the scatter of the friction law. The base and
 # each system are healthy, or one or two of them are not: each such case is Gaussian, and the model mixes them.
 
-VISCOUS_SPREAD: Final = 0.5  # the same of the viscous coefficient
-CARRIED_VISCOUS_SPREAD: Final = 0.05  # at least, where earlier windows showed the viscous coefficient
-LEARNED_SPREAD: Final = 0.15  # of the friction of a system against what earlier windows of this very wheel showed
-MIN_LEARNED: Final = 3.0  # sojourns from which what earlier windows showed replaces the wheel's ranges
+VISCOUS_SPREAD: Final = 0.5  # prior std of the viscous coefficient, over its nominal value
+CARRIED_VISCOUS_SPREAD: Final = 0.05  # the same over its earlier estimate, at least, where there is one
+LEARNED_SPREAD: Final = 0.15  # std of a system's anomaly against its friction in earlier windows of this very wheel
+MIN_LEARNED: Final = 3.0  # number of sojourns from which the friction of earlier windows replaces the wheel's ranges
 UNATTRIBUTED: Final = 0.03  # jumps expected per window that no switching system makes
 UNATTRIBUTED_ALONE: Final = 3.0  # the same for a wheel without switching systems
 UNATTRIBUTED_SPREAD: Final = 0.5  # prior std of a jump that no system made, over the unit of friction
@@ -153,7 +153,7 @@ MOST_ANOMALIES: Final = 2  # at once, among base and systems
 
 
 class Case(NamedTuple):
-    """One of the states that a part may be in: its probability, and what it then is, Gaussian."""
+    """One of the states that a part may be in: its probability, and the Gaussian prior of the part's value then."""
 
     probability: float
     mean: float
@@ -161,7 +161,7 @@ class Case(NamedTuple):
 
 
 # Healthy wheels differ by a few per cent; anomalies worth finding are from +20 % to a multiple. Weights and widths are
-# broad on purpose: they only decide where the window cannot.
+# broad on purpose: they matter only where the window does not identify the parts.
 BASE_CASES: Final = (Case(0.8, 1.0, 0.06), Case(0.2, 1.5, 0.4))  # base dry friction over its nominal value
 ANOMALY_CASES: Final = (Case(0.8, 0.0, 0.06), Case(0.2, 0.8, 0.5))  # a system's anomaly a
 
@@ -179,7 +179,7 @@ class FrictionLaw(NamedTuple):
 
 
 class Priors(NamedTuple):
-    """What is known before the window, normalised.
+    """The priors of a window, normalised.
 
     Attributes
     ----------
@@ -192,7 +192,7 @@ class Priors(NamedTuple):
     slope
         Viscous coefficient.
     unattributed, unattributed_std
-        Number of jumps expected that no system makes, and the standard deviation of one.
+        Expected number of jumps that no system makes, and the standard deviation of the size of one.
     """
 
     base: tuple[Case, ...]
@@ -204,14 +204,14 @@ class Priors(NamedTuple):
 
 
 def priors_of(wheel: Wheel, carried: CarriedState | None, typical_level: float, typical_jump: float) -> Priors:
-    """Gather what the wheel file states and earlier windows showed.
+    """Derive the priors from the wheel file and the state after earlier windows.
 
     Parameters
     ----------
     wheel, carried
-        The wheel; what earlier windows showed, or None.
+        The wheel; the state after earlier windows, or None.
     typical_level, typical_jump
-        Sizes in this window: the scale of everything that neither of them gives.
+        Sizes in this window: the scale of every prior that neither of them gives.
     """
     jump = typical_jump if typical_jump > 0 else max(abs(typical_level), TINY)
     if carried and carried.base_dry:
@@ -243,7 +243,7 @@ def _anywhere(probability: float, mean: float, wheel: Wheel) -> Case:
 
 
 def slope_prior(wheel: Wheel, carried: CarriedState | None, typical_level: float) -> SlopePrior:
-    """Return the prior of the viscous coefficient: of earlier windows, around the nominal one, or wide."""
+    """Return the prior of the viscous coefficient: from earlier windows, else around the nominal one, else wide."""
     if carried and carried.viscous:
         drifted = carried.viscous.drifted()
         return SlopePrior(drifted.mean, max(drifted.std, CARRIED_VISCOUS_SPREAD * abs(drifted.mean)))
@@ -255,7 +255,7 @@ def slope_prior(wheel: Wheel, carried: CarriedState | None, typical_level: float
 def _system_of(
     system: SwitchingSystem, carried: CarriedState | None, jump: float
 ) -> tuple[tuple[Case, ...], tuple[FrictionLaw, ...]]:
-    """Return a system's anomaly and friction laws: learned, else the wheel's, else wide and in proportion to q."""
+    """Return a system's anomaly cases and friction laws: learned, else the wheel's, else wide and proportional to q."""
     known = carried.system(system.name) if carried else None
     memories = [known.friction[q] if known and q < len(known.friction) else None for q in range(system.configurations)]
     laws = _stated_laws(system, 0.0 if system.friction else jump)
@@ -275,7 +275,7 @@ def _system_of(
 
 @lru_cache(maxsize=256)
 def _stated_laws(system: SwitchingSystem, jump: float) -> tuple[FrictionLaw, ...]:
-    """Return a system's friction laws as the wheel states them; where it does not, in proportion to q."""
+    """Return a system's friction laws as the wheel states them; where it does not, proportional to q."""
     if system.friction is None:
         return FrictionLaw(0.0, 0.0), *(FrictionLaw(q * jump, jump) for q in range(1, system.configurations))
     laws = []
@@ -314,7 +314,7 @@ def law_table(laws: tuple[tuple[FrictionLaw, ...], ...]) -> FloatArray:
 def law_moments(
     laws: tuple[tuple[FrictionLaw, ...], ...], anomaly: tuple[tuple[Case, ...], ...]
 ) -> tuple[FloatArray, FloatArray]:
-    """Return mean and variance of the friction of a sojourn over all cases of its system; padded.
+    """Return mean and variance of the friction of a sojourn, averaged over all cases of its system; padded.
 
     float64 (systems, configurations) each.
     """

@@ -1,21 +1,21 @@
 """Jumps of recordings attributed to switching systems, without knowing how many there are.
 
-Two systems are distinguished by the sizes of their jumps, by how long they last, and by what a system is: it steps
-between adjacent configurations, and what it adds on its way up it takes away on its way down. All three are in the
-likelihood of a switching path. For each number of systems and of their configurations, decoding and estimates of sizes
+Two systems are distinguished by the sizes of their jumps, by the durations of their sojourns, and by the structure of a
+system: it steps between adjacent configurations, and its way down removes what its way up added. All three are in the
+likelihood of a switching path. For each number of systems and of their configurations, decoding and estimation of sizes
 and durations alternate until they agree (segmental k-means: Rabiner, Wilpon, Juang, AT&T Technical Journal 65 (1986)
-21), from several starts; the description that is worth its parameters wins (Schwarz, Annals of Statistics 6 (1978)
-461).
+21), from several starts; the description with the best Bayesian information criterion is chosen (Schwarz, Annals of
+Statistics 6 (1978) 461).
 
 A record is a sequence of segments at constant friction. Each segment's level is the base plus what each system adds,
 and from one segment to the next a system steps to an adjacent configuration. A configuration's friction is drawn anew
-whenever it is entered and then stays, so a way down closes exactly with the way up, whatever happens in between:
+whenever it is entered and then stays, so the way down cancels the way up exactly, whatever happens in between:
 given the path, levels are linear in base and frictions, and a Kalman filter gives their likelihood. Paths are followed
 by a beam search: multiple-hypothesis tracking (Reid, IEEE Transactions on Automatic Control 24 (1979) 843) of jump
 Markov linear systems (Ghahramani, Hinton, Neural Computation 12 (2000) 831).
 
-Durations are log-normal here, with a broad outlier law beside. That is only to attribute the jumps; laws are learned
-from what comes out.
+Durations are log-normal here, mixed with a broad outlier law. That serves only to attribute the jumps; the duration
+laws of a wheel file are learned from the result.
 """
 
 import math
@@ -30,41 +30,41 @@ from scipy import special
 from rwa_monitor.kernels.chain_decoding import NEVER, likeliest_path
 from rwa_monitor.samples import BoolArray, FloatArray, IntArray
 
-# Configurations of the systems, simple ones first: more is looked at as long as it is worth more.
+# Numbers of configurations of the systems, simple ones first: the next tier is tried while the criterion improves.
 TIERS: Final = (
     ((2,), (3,), (2, 2)),
     ((4,), (2, 3), (2, 2, 2)),
     ((5,), (2, 4), (3, 3), (2, 2, 3)),
 )
-# Systems that step in the same slot, or between two segments of which the one between is not seen.
+# Systems that may step between two segments: in the same slot, or before and after a segment too short to be detected.
 LARGEST_MOVE: Final = 2
-PER_SYSTEM: Final = 2.0  # log odds a priori against a system more: steps of the same size are sooner one chain's
-# Of the base, by which levels miss the sum of what is in them, noise apart: visits too short to be seen, a slope of the
-# drag that is known to so much.
+PER_SYSTEM: Final = 2.0  # prior log odds against each further system: equal steps are more likely one longer chain's
+# Model error of a level, apart from noise, as a share of the base: visits too short to be detected, error of the drag's
+# slope.
 LEVEL_ERROR: Final = 0.002
-BASE_SPREAD: Final = 0.02  # of the base, from one recording to another, before it is known
-ENOUGH_JUMPS: Final = 1500  # to estimate how many systems there are; more only sharpen what they are like
-# Passes, and paths followed in each: of every start, and of those that are not given up then.
+BASE_SPREAD: Final = 0.02  # of the base, from one recording to another, before it is estimated
+ENOUGH_JUMPS: Final = 1500  # to determine the number of systems; more only sharpen the estimates of each
+# Passes, and paths kept in each: for every start, and for the KEPT_STARTS best of them.
 QUICK: Final = (2, 12)
 THOROUGH: Final = (12, 64)
 KEPT_STARTS: Final = 2
 CONVERGED: Final = 0.01  # of the log-likelihood
-# What is known before any sojourn is seen, as if so many had been: a law neither as sharp as a clock nor broader than a
-# decade, sizes that differ by some per cent.
+# Priors as pseudo-observations: so many sojourns with that sigma, so many sizes with that relative spread. SIGMAS are
+# the bounds of sigma: a law neither as sharp as a clock nor broader than a decade.
 PRIOR_SOJOURNS: Final = 2.0
 PRIOR_SIGMA: Final = 0.7
 PRIOR_SIZES: Final = 0.5
 PRIOR_SPREAD: Final = 0.05
 SIGMAS: Final = (0.05, 2.0)
-CUT_BY: Final = 0.3  # logarithm by which a sojourn that was cut outlasts what was seen of it
-VISIT_JUMPS: Final = 8  # jumps after a jump up among which the one that undoes it is looked for
-CLOSED_WITHIN: Final = 3.5  # standard deviations by which the way back may miss the entry
+CUT_BY: Final = 0.3  # log ratio of the assumed to the observed duration of a sojourn that the record cuts
+VISIT_JUMPS: Final = 8  # jumps after a jump up among which the one that cancels it is searched
+CLOSED_WITHIN: Final = 3.5  # standard deviations by which the jump back may differ in size from the entry
 START_SPREAD: Final = 0.3  # of a size, at the start
 START_SIGMA: Final = 1.2
 START_STEPS: Final = (0.3, 0.5, 0.7)  # quantiles of the jumps' sizes that may be the step of a longer chain
 
-# Of the visits, that may be another system's. Halves of one Gaussian lot, divided at its middle and taken for two, have
-# 0.09; one visit in twenty shifts the median of a law by less than the sampling error of a hundred.
+# Largest share of the visits that may be another system's. The halves of one Gaussian population, split at its middle
+# and taken for two, have 0.09; one visit in twenty shifts the median of a law by less than the sampling error of 100.
 MOST_CONFUSED: Final = 0.05
 
 
@@ -85,7 +85,7 @@ class Segments(NamedTuple):
 
 
 class Chains(NamedTuple):
-    """Switching systems as they are known while jumps are attributed; arrays (systems, configurations), padded.
+    """Switching systems as estimated while jumps are attributed; arrays (systems, configurations), padded.
 
     Attributes
     ----------
@@ -94,11 +94,11 @@ class Chains(NamedTuple):
     size, spread
         Mean and standard deviation of the friction above that of the lowest configuration [N m]; 0 in it.
     mu, sigma
-        Of the logarithm of a sojourn's slots.
+        Mean and standard deviation of the logarithm of a sojourn's slots.
     up
-        Probability of the step up.
+        Probability that the next step goes up.
     base, base_std
-        Friction with all at rest, and what records differ by in it [N m].
+        Friction with all at rest, and its standard deviation between records [N m].
     """
 
     counts: tuple[int, ...]
@@ -121,7 +121,7 @@ class Path(NamedTuple):
     outlier
         bool (k,), segments whose level no system explains.
     log_likelihood
-        Of levels and times together.
+        Of levels and durations together.
     """
 
     configurations: IntArray
@@ -142,7 +142,7 @@ class Sojourn:
 
     @property
     def whole(self) -> bool:
-        """Whether the record cuts nothing of it."""
+        """Whether the record holds all of it."""
         return self.began and self.ended
 
 
@@ -170,7 +170,7 @@ class Visit(Sojourn):
 
 
 def ways_up(visits: Sequence[Visit], q: int) -> list[bool]:
-    """Return of each transition from configuration q whether it goes up."""
+    """Return for each transition from configuration q whether it goes up."""
     return [b.configuration > q for a, b in pairwise(visits) if a.configuration == q and a.record == b.record]
 
 
@@ -180,11 +180,11 @@ class JumpAttribution(NamedTuple):
     Attributes
     ----------
     chains
-        What the systems are like.
+        The systems, as estimated.
     visits
         By system, in the order of time.
     base
-        By record, friction with all at rest [N m], and the slots in which all was.
+        By record, friction with all at rest [N m], and the number of slots in which all are.
     alternatives
         Other descriptions, best first: configurations of the systems, and by how much their criterion is worse: the
         log-likelihood less half log n for each parameter.
@@ -205,7 +205,7 @@ def attribute_jumps(records: Sequence[Segments], base: float) -> JumpAttribution
     Parameters
     ----------
     records
-        With a jump in one of them, at least.
+        The records, with a jump in at least one of them.
     base
         Friction of the lowest segments [N m].
     """
@@ -225,7 +225,7 @@ def attribute_jumps(records: Sequence[Segments], base: float) -> JumpAttribution
 
 
 def _first_of(records: Sequence[Segments], jumps: int) -> list[Segments]:
-    """Return the first records, the last of them cut, with so many jumps, or all that there are."""
+    """Return the first records that together have so many jumps, the last of them cut; or all."""
     first: list[Segments] = []
     for one in records:
         segments = min(one.level.size, jumps + 1)
@@ -237,7 +237,7 @@ def _first_of(records: Sequence[Segments], jumps: int) -> list[Segments]:
 
 
 def _described(records: Sequence[Segments], base: float) -> dict[tuple[int, ...], _Description]:
-    """Describe the records by each number of systems and configurations, simple ones first while more is worth more.
+    """Fit each number of systems and configurations to the records, tier by tier while the criterion improves.
 
     Returns the criterion, the systems and the paths by the numbers of configurations.
     """
@@ -246,18 +246,18 @@ def _described(records: Sequence[Segments], base: float) -> dict[tuple[int, ...]
     for tier in TIERS:
         before = max((value[0] for value in known.values()), default=-np.inf)
         for counts in tier:
-            worth, chains, paths = _best_of(records, counts, base)
-            # Size and spread above the lowest configuration, two of each law, ways up in between.
+            score, chains, paths = _best_of(records, counts, base)
+            # Size and spread above the lowest configuration, two of each duration law, probabilities up in between.
             parameters = sum(2 * (count - 1) + 2 * count + (count - 2) for count in counts)
-            price = 0.5 * parameters * np.log(jumps + 1) + (len(counts) - 1) * PER_SYSTEM
-            known[counts] = worth - price, chains, paths
+            penalty = 0.5 * parameters * np.log(jumps + 1) + (len(counts) - 1) * PER_SYSTEM
+            known[counts] = score - penalty, chains, paths
         if max(value[0] for value in known.values()) <= before:
             break
     return known
 
 
 def _best_of(records: Sequence[Segments], counts: tuple[int, ...], base: float) -> _Description:
-    """Return the best of the starts."""
+    """Return the best description over all starts."""
     tried = [_alternate(records, start, *QUICK) for start in _starts(records, counts, base)]
     tried.sort(key=lambda one: -one[0])
     finished = [_alternate(records, chains, *THOROUGH) for _, chains, _ in tried[:KEPT_STARTS]]
@@ -265,14 +265,14 @@ def _best_of(records: Sequence[Segments], counts: tuple[int, ...], base: float) 
 
 
 def _alternate(records: Sequence[Segments], chains: Chains, passes: int, beam: int) -> _Description:
-    """Alternate paths and estimates; return the best log-likelihood with what gave it."""
+    """Alternate decoding and estimation; return the best log-likelihood with its systems and paths."""
     best: _Description | None = None
     for _ in range(passes):
         paths = [decode(one, chains, beam) for one in records]
-        worth = sum(path.log_likelihood for path in paths)
-        done = best is not None and worth < best[0] + CONVERGED
-        if best is None or worth > best[0]:
-            best = worth, chains, paths
+        score = sum(path.log_likelihood for path in paths)
+        done = best is not None and score < best[0] + CONVERGED
+        if best is None or score > best[0]:
+            best = score, chains, paths
         if done:
             break
         visits, bases = _visits(records, chains, paths)
@@ -290,13 +290,13 @@ def confused_share(chains: Chains, visits: Sequence[Sequence[Visit]], i: int, j:
     confusion = []
     for number, lot in enumerate(lots.values()):
         for visit in lot:
-            worth = []
+            score = []
             for k, others in lots.items():
                 width = float(np.hypot(chains.spread[k, 1], visit.std))
                 size = (visit.friction - chains.size[k, 1]) / width
                 slots = (np.log(visit.slots) - chains.mu[k, 1]) / chains.sigma[k, 1]
-                worth.append(np.log(len(others) / (width * chains.sigma[k, 1])) - 0.5 * (size**2 + slots**2))
-            confusion.append(1.0 - float(special.softmax(worth)[number]))
+                score.append(np.log(len(others) / (width * chains.sigma[k, 1])) - 0.5 * (size**2 + slots**2))
+            confusion.append(1.0 - float(special.softmax(score)[number]))
     return float(np.mean(confusion))
 
 
@@ -310,10 +310,10 @@ def confused_pairs(chains: Chains, visits: Sequence[Sequence[Visit]]) -> Iterato
 
 
 def _is_halved(chains: Chains, visits: Sequence[Sequence[Visit]]) -> bool:
-    """Return whether two of the systems are one whose visits are divided: alike, and never away from rest together.
+    """Return whether two of the systems are one whose visits were split: similar, and never away from rest together.
 
-    Choosing for each visit the half that it fits better makes a description with a system more look better than it is,
-    and the more so the more visits there are.
+    Choosing for each visit the half that it fits better overstates the likelihood of a description with one more
+    system, the more so the more visits there are.
     """
     for i, j, _ in confused_pairs(chains, visits):
         away = sorted(
@@ -339,7 +339,7 @@ def decode(segments: Segments, chains: Chains, beam: int) -> Path:
     chains
         The systems.
     beam
-        Paths followed.
+        Number of paths kept.
     """
     counts = chains.counts
     configurations = np.array(list(product(*(range(count) for count in counts))), dtype=np.int64)
@@ -380,10 +380,10 @@ def _log_stationary(states: IntArray, chains: Chains) -> FloatArray:
 
 
 def _starts(records: Sequence[Segments], counts: tuple[int, ...], base: float) -> Iterator[Chains]:
-    """Yield what systems may be like.
+    """Yield initial estimates of the systems.
 
-    Those of two configurations from visits that close, grouped by size, by duration, or at the widest gaps between
-    sizes; longer ones from the sizes of all jumps.
+    Systems of two configurations come from visits that close, grouped by size or by duration, into equal numbers or at
+    the widest gaps; longer chains from the sizes of all jumps.
     """
     pairs = np.array([pair for one in records for pair in _closed(one)], dtype=np.float64).reshape(-1, 2)
     slots = sum(int(one.at[-1] - one.at[0]) for one in records)
@@ -402,7 +402,7 @@ def _starts(records: Sequence[Segments], counts: tuple[int, ...], base: float) -
 
 
 def _closed(one: Segments) -> Iterator[tuple[float, float]]:
-    """Yield size [N m] and slots of jumps up and of those that undo them, the nearest in time."""
+    """Yield size [N m] and slots of visits: from a jump up to the nearest jump down that cancels it."""
     size, std = np.diff(one.level), np.hypot(one.std[1:], one.std[:-1])
     free = np.ones(size.size, dtype=bool)
     for up in np.flatnonzero(size > 0).tolist():
@@ -414,7 +414,7 @@ def _closed(one: Segments) -> Iterator[tuple[float, float]]:
 
 
 def _grouped(pairs: FloatArray, groups: int) -> Iterator[list[FloatArray]]:
-    """Yield ways to divide visits (n, 2) into groups."""
+    """Yield ways to divide visits (n, 2), size and slots, into groups."""
     if groups == 0:
         yield []
         return
@@ -437,7 +437,7 @@ def _grouped(pairs: FloatArray, groups: int) -> Iterator[list[FloatArray]]:
 def _start(
     counts: tuple[int, ...], groups: list[FloatArray], step: float, mean_slots: float, slots: float, base: float
 ) -> Chains:
-    """Return systems as they may be: two configurations by their groups of visits, longer chains by their step."""
+    """Return an initial estimate: systems of two configurations from their visits, longer chains from their step."""
     shape = len(counts), max(counts)
     size, mu, up = np.zeros(shape), np.zeros(shape), np.zeros(shape)
     left = list(groups)
@@ -479,7 +479,7 @@ def _visits(
 
 
 def _spans(configuration: IntArray) -> list[tuple[int, int]]:
-    """Return the segments, first and beyond the last, of each sojourn."""
+    """Return for each sojourn its first segment and the one after its last."""
     cuts = [0, *(np.flatnonzero(np.diff(configuration)) + 1).tolist(), configuration.size]
     return list(pairwise(cuts))
 
@@ -499,7 +499,7 @@ def _frictions(
             column[begin:end] = 1.0
             columns.append(column)
             prior.append(chains.size[i, q])
-            # A visit's size is its own: what others are like decides only where it is hardly seen.
+            # A visit's size is its own: the law of the others is a wide prior for visits that are poorly measured.
             width.append(max(3.0 * chains.spread[i, q], PRIOR_SPREAD * chains.size[i, q]))
         else:
             place.append(-1)
@@ -513,7 +513,7 @@ def _frictions(
 
 
 def _estimated(chains: Chains, visits: Sequence[Sequence[Visit]], bases: Sequence[tuple[float, int]]) -> Chains:
-    """Return what the systems are like by their visits."""
+    """Return the systems as estimated from their visits."""
     size, spread = np.zeros_like(chains.size), np.zeros_like(chains.size)
     mu, sigma, up = chains.mu.copy(), chains.sigma.copy(), chains.up.copy()
     for i, (count, of_one) in enumerate(zip(chains.counts, visits, strict=True)):
@@ -533,7 +533,7 @@ def _estimated(chains: Chains, visits: Sequence[Sequence[Visit]], bases: Sequenc
 
 
 def _law(seen: Sequence[Visit], before: float) -> tuple[float, float]:
-    """Return location and width of the log of the slots; sojourns that were cut last somewhat longer than was seen."""
+    """Return mean and std of the log of the slots; sojourns that were cut count as somewhat longer than observed."""
     logs = np.array(
         [np.log(visit.slots) if visit.whole else max(np.log(visit.slots) + CUT_BY, before) for visit in seen]
     )
@@ -545,7 +545,7 @@ def _law(seen: Sequence[Visit], before: float) -> tuple[float, float]:
 
 
 def _size(seen: Sequence[Visit], before: float) -> tuple[float, float]:
-    """Return mean and spread of the friction of visits [N m], what each is uncertain by left out of the spread."""
+    """Return mean and spread of the friction of visits [N m], the spread without the visits' measurement errors."""
     if not seen:
         return before, START_SPREAD * before
     friction, std = np.array([visit.friction for visit in seen]), np.array([visit.std for visit in seen])
