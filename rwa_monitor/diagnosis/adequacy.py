@@ -1,28 +1,28 @@
 """Does the friction model fit the window? A cheap check at every window close, from running sums alone.
 
 The model is that between jumps friction is a level plus one viscous slope plus noise, and that jumps are as frequent
-as the switching systems make them. What it leaves out shows in one of these, each a test of its own:
+as the switching systems make them. An effect missing from it is detected by one of these tests:
 
 * **slopes**: intervals at different speeds have different slopes;
 * **sides**: friction changes with the direction of rotation;
 * **near zero**: friction in the dead band, which no running sum holds, differs from that around it, or the speed reads
   zero while the wheel passes through;
-* **ripple**: friction repeats with the wheel's angle;
-* **jumps**: a smooth effect is cut into steps, so that there are too many jumps, or jumps that no system made;
-* **persistence**: what is left of neighbouring blocks of samples agrees over longer than the noise is correlated.
+* **ripple**: friction is periodic in the wheel's angle;
+* **jumps**: a smooth effect is fitted by steps, so that there are too many jumps, or jumps that no system made;
+* **persistence**: residuals of neighbouring blocks of samples are correlated over longer lags than the noise is.
 
-The search of the discrepancy room names the cause from the samples; here only a suspicion is raised.
+The search in `rwa_monitor.discrepancy` identifies the cause from the samples; here only a suspicion is raised.
 
 Where the friction model does not fit, its parameters are those of the wrong model: a drag that grows with the square of
-speed reads as viscous friction, jumps that no system made as base dry friction. The estimates stay what they are, but
-their standard deviations must hold what the effect can have done to them, or a healthy wheel with an incomplete model
-is called failing with near certainty. `uncertainty_of` estimates two things:
+speed is estimated as viscous friction, jumps that no system made as base dry friction. The estimates are not changed,
+but their standard deviations must include the error that the effect may have caused, or a healthy wheel with an
+incomplete model is diagnosed as anomalous with near certainty. `uncertainty_of` estimates two parts:
 
-* **shapes**: with each of a few shapes that missing effects have, fitted beside levels and slope to blocks of samples,
-  by how much do the slope and the levels move? The largest move by a shape that the window supports counts.
-* **split**: the sum of base and switching systems is measured, what is whose was worked out from the jumps. Systems add
+* **shapes**: each of a few shapes of missing effects is fitted to blocks of samples together with levels and slope. The
+  largest change of slope and levels by a shape that the window supports counts.
+* **split**: the sum of base and switching systems is measured, its split was inferred from the jumps. Systems add
   friction, so base dry friction is not above the lowest level; it does not lie far below the nominal one; and where
-  steps of the missing effect pass for sojourns of a system, the system may in truth never have rested.
+  steps of the missing effect are mistaken for sojourns of a system, the system may in truth never have rested.
 """
 
 import functools
@@ -42,26 +42,26 @@ from rwa_monitor.samples import TINY, FloatArray, IntArray
 from rwa_monitor.wheel.switching_systems import jump_rate
 from rwa_monitor.wheel.wheel import SwitchingSystem, Wheel
 
-# Standard deviations from which an interval's slope disagrees with the common one, and that one block counts at most: 1
-# in 16,000 by chance.
+# Standard deviations from which an interval's slope disagrees with the common one, and at which a block's residual is
+# clipped: 1 in 16,000 by chance.
 DISAGREEING_SIGMAS: Final = 4.0
-# A single jump or sojourn that was missed bends one or two intervals, or falls into two crossings, and a healthy window
-# may have an unattributed one. Only more than these are held against the model.
+# A single missed jump or sojourn distorts one or two intervals, or lies in two crossings, and a healthy window may have
+# an unattributed jump. Only this many or more are evidence against the model.
 NO_ACCIDENT: Final = 3
 DISAGREEING_SHARE: Final = 0.25
-MIN_INTERVAL: Final = 30.0  # samples: the slope of a shorter interval is not known
-SMALLEST_SPREAD: Final = 1e-9  # of a sum of squares: of less, rounding is a part
+MIN_INTERVAL: Final = 30.0  # samples: the slope of a shorter interval is not used
+SMALLEST_SPREAD: Final = 1e-9  # centred over plain sum of squares: below, rounding dominates the centred one
 # Healthy windows have at most 1.2 standard deviations more jumps than expected (their durations are more regular than a
 # Poisson process, whose spread is used).
 EXCESS_SIGMAS: Final = 3.0
-CLEAR_TREND: Final = 0.6  # rank correlation of slope and speed from which its sign names an effect
+CLEAR_TREND: Final = 0.6  # rank correlation of slope and speed from which its sign suggests an effect
 
 PERSISTENCE_LAGS: Final = range(2, 9)
-FEWEST_BLOCKS: Final = 40  # with fewer, the value is not yet normal
-# Blocks whose residuals are compared with those two to eight blocks on: at least as far apart as a block is long. Noise
-# of a shorter memory than that gives a χ² value of seven degrees of freedom; one of AR(1) type is allowed for.
+FEWEST_BLOCKS: Final = 40  # with fewer, the statistic's asymptotic distribution does not hold
+# Residuals of blocks are compared with those two to eight blocks later, so that at least one block lies in between.
+# Noise with a memory shorter than a block gives χ² with seven degrees of freedom; AR(1) noise is corrected for.
 # Least significance, and least size in standard deviations of the noise: friction derived from speed by a filter of 2 s
-# keeps up to 0.14 of a smooth motion in healthy windows, at a significance of 60 in blocks of STRIDE slots and 310 of
+# retains up to 0.14 of a smooth motion in healthy windows, at a significance of 60 in blocks of STRIDE slots and 310 of
 # BLOCK.
 SHORT_PERSISTS: Final = (400.0, 0.10)
 PERSISTS: Final = (60.0, 0.18)
@@ -72,14 +72,14 @@ FEWEST_NEAR_ZERO: Final = 4.0  # samples of a crossing
 
 SIDE_BLOCKS: Final = 4  # on either side of a crossing
 SIDE_SHARE: Final = 0.75  # of all crossings
-SIDES_ALIKE: Final = 2.0  # the largest of these differences over the smallest: jumps have many sizes
+SIDES_ALIKE: Final = 2.0  # factor about their median within which the differences count as equal: jumps vary more
 CLEAR_SIGMAS: Final = 5.0  # from which a difference of sides, or what a missing effect explains, counts at all
-SMALLEST_SIDE: Final = 0.2  # of the noise: a smaller difference is none
+SMALLEST_SIDE: Final = 0.2  # standard deviations of the noise: a smaller difference is ignored
 
-RIPPLE_CAP: Final = 40.0  # counts at most, of the power in one stretch: a jump in it looks like any frequency
-RIPPLE_CHANCE: Final = 1e-4  # of any harmonic in a window by chance, for white noise
-# Allowance for the colour of the noise, which may lie at the very frequency that a harmonic is seen at; beyond the
-# largest no ripple could be seen at all.
+RIPPLE_CAP: Final = 40.0  # upper limit of the power in one segment: a jump in it has power at all frequencies
+RIPPLE_CHANCE: Final = 1e-4  # false-alarm probability of all harmonics in a window, for white noise
+# Least and largest allowance for autocorrelated noise, whose spectrum may peak at the very frequency of a harmonic;
+# beyond the largest no ripple could be detected at all.
 RIPPLE_COLOUR: Final = (2.0, 8.0)
 
 
@@ -108,7 +108,7 @@ def check(
     evidence, estimate, assignment
         Results of the stages.
     systems
-        Switching systems of the wheel; without any, jumps cannot be attributed and are not held against it.
+        Switching systems of the wheel; without any, jumps cannot be attributed and are no evidence against the model.
 
     Returns
     -------
@@ -158,7 +158,7 @@ def _slope_deviations(evidence: Evidence, estimate: Estimate) -> tuple[FloatArra
     variance = evidence.noise.long_variance
     n = np.maximum(count, 1.0)
     spread, cross = xx - x * x / n, xz - x * z / n
-    # The slope must be known to a tenth of what speed spans: else rounding is read as a slope.
+    # The speed must vary within the interval by more than rounding, or rounding is taken for a slope.
     shown = (count >= MIN_INTERVAL) & (spread > SMALLEST_SPREAD * np.maximum(xx, TINY))
     if np.count_nonzero(shown) < 2 or not variance > 0.0:
         return np.zeros(0), np.zeros(0)
@@ -188,8 +188,8 @@ def side_finding(evidence: Evidence, blocks: Blocks) -> Adequacy | None:
 def half_differences(evidence: Evidence, blocks: Blocks) -> FloatArray:
     """Return half the difference of friction between forward and backward at each crossing, in standard deviations.
 
-    float64 (crossings,). Within four blocks on either side, up to the next changepoint; only jumps in the
-    crossing itself are in it, and they do not follow the direction.
+    float64 (crossings,). From four blocks on either side, up to the next changepoint: only jumps in the crossing itself
+    enter, and their sign does not depend on the direction.
     """
     variance = evidence.noise.long_variance
     smallest = SMALLEST_SIDE * evidence.noise.std / CLEAR_SIGMAS
@@ -198,14 +198,14 @@ def half_differences(evidence: Evidence, blocks: Blocks) -> FloatArray:
     turns = np.flatnonzero(np.diff(direction[one_way]))
     found = []
     for left, right in zip(one_way[turns].tolist(), one_way[turns + 1].tolist(), strict=True):
-        before, before_n = _mean_beside(blocks, direction, slice(max(left - SIDE_BLOCKS + 1, 0), left + 1), left)
-        after, after_n = _mean_beside(blocks, direction, slice(right, right + SIDE_BLOCKS), right)
+        before, before_n = _mean_near(blocks, direction, slice(max(left - SIDE_BLOCKS + 1, 0), left + 1), left)
+        after, after_n = _mean_near(blocks, direction, slice(right, right + SIDE_BLOCKS), right)
         std = 0.5 * math.sqrt(variance * (1.0 / before_n + 1.0 / after_n))
         found.append(0.5 * (after - before) * direction[right] / max(std, smallest))
     return np.array(found)
 
 
-def _mean_beside(blocks: Blocks, direction: FloatArray, near: slice, own: int) -> tuple[float, float]:
+def _mean_near(blocks: Blocks, direction: FloatArray, near: slice, own: int) -> tuple[float, float]:
     """Return the mean friction of the near blocks of one interval and direction with block `own`, and its samples."""
     alike = blocks.usable[near] & (blocks.interval[near] == blocks.interval[own])
     n = np.where(alike & (direction[near] == direction[own]), blocks.n[near], 0.0)
@@ -234,12 +234,12 @@ def near_zero_finding(evidence: Evidence, estimate: Estimate) -> Adequacy | None
 def near_zero_deviations(evidence: Evidence, estimate: Estimate) -> tuple[FloatArray, FloatArray]:
     """Return how friction in the dead band deviates from the levels around it, crossing by crossing; (crossings,).
 
-    Only where the wheel goes on in the other direction: at rest, friction is whatever holds it there.
+    Only where the wheel reverses: at rest, friction balances whatever torque is applied.
 
     Returns
     -------
     ratio, excess
-        Mean squared deviation over the noise's variance; mean deviation [torque].
+        Mean squared deviation over the noise's variance; mean deviation, normalised.
     """
     structure = evidence.structure
     n, direction = structure.near_zero[0], structure.direction
@@ -250,7 +250,7 @@ def near_zero_deviations(evidence: Evidence, estimate: Estimate) -> tuple[FloatA
             continue
         low, high = np.searchsorted(estimate.index, [(first - 1) * BLOCK, (stop + 1) * BLOCK]).tolist()
         count, x, z, zz = structure.near_zero[:, first:stop]
-        # Each block is compared with the best of the levels beside it: (levels, blocks).
+        # Each block is compared with the best fitting of the adjacent levels: (levels, blocks).
         expected = estimate.level[low : high + 1, None] + estimate.viscous * x / count
         square = np.maximum(zz - 2.0 * expected * z + count * expected**2, 0.0)
         best = np.argmin(square, axis=0), np.arange(count.size)
@@ -268,7 +268,7 @@ def near_zero_deviations(evidence: Evidence, estimate: Estimate) -> tuple[FloatA
 
 
 def ripple_finding(evidence: Evidence) -> Adequacy | None:
-    """Test whether friction repeats with the wheel's angle."""
+    """Test whether friction is periodic in the wheel's angle."""
     ripple = evidence.structure.ripple
     if len(ripple) == 0:
         return None
@@ -276,7 +276,7 @@ def ripple_finding(evidence: Evidence) -> Adequacy | None:
     power = np.where(shown, np.minimum(ripple, RIPPLE_CAP), 0.0).sum(axis=0)
     over_chance = power / _ripple_by_chance(*ripple.shape)[np.count_nonzero(shown, axis=0)]
     strongest = int(np.argmax(over_chance))
-    # The least allowance is looked at first: as nearly always, nothing is left to allow for.
+    # The least allowance is tested first: it nearly always decides, and the spectrum need not be computed.
     found, (least, most) = over_chance[strongest], RIPPLE_COLOUR
     if found < least or found < min(_spectral_peak(evidence.noise.autocovariance), most):
         return None
@@ -310,7 +310,7 @@ def jump_finding(evidence: Evidence, assignment: Assignment, systems: Sequence[S
         finding = f"there are {jumps} jumps where the switching systems make about {expected:.0f}"
     else:
         return None
-    # Most jumps that no system made, and yet one slope everywhere: a system of their own, if not something narrow.
+    # Most jumps are unattributed though all slopes agree: a further system, if not an effect in a narrow speed range.
     return Adequacy("extra_switching_system" if 2 * unattributed > jumps else None, finding)
 
 
@@ -318,7 +318,7 @@ def jump_finding(evidence: Evidence, assignment: Assignment, systems: Sequence[S
 
 
 def persistence_finding(evidence: Evidence, blocks: Blocks, least: tuple[float, float]) -> Adequacy | None:
-    """Compare what is left of each block of samples with what is left of later ones; `least` as in PERSISTS."""
+    """Test whether residuals of blocks are correlated with later ones; `least` as in PERSISTS."""
     significance, size = persistence(blocks, ar_coefficient(evidence.noise))
     if significance > least[0] and size > least[1] * evidence.noise.std:
         return Adequacy(None, "what friction is left beside levels and slope goes on for longer than noise")
@@ -329,8 +329,8 @@ def persistence(blocks: Blocks, correlation: float) -> tuple[float, float]:
     """Return how far the residuals of blocks are from independent of later ones of their interval.
 
     A portmanteau statistic: the sum of squares of the correlations at PERSISTENCE_LAGS, each in standard deviations,
-    so that what swings counts like what persists. The interval that adds most is left out, where there are three or
-    more: a single missed sojourn makes one.
+    so that oscillation counts like persistence. The interval that contributes most is left out, where there are three
+    or more: a single missed sojourn causes one.
 
     Parameters
     ----------
@@ -342,8 +342,8 @@ def persistence(blocks: Blocks, correlation: float) -> tuple[float, float]:
     Returns
     -------
     significance, size
-        χ² with one degree of freedom for each lag, for noise that does not reach as far; and the root mean square of
-        what persists [torque]. 0 with too few blocks.
+        χ² with one degree of freedom for each lag, for noise with a shorter memory; and the root mean square of the
+        persistent part, normalised. Both 0 with too few blocks.
     """
     value, interval, intervals = blocks.residual * np.sqrt(blocks.n), blocks.interval, blocks.intervals
     known = value[blocks.usable]
@@ -353,8 +353,8 @@ def persistence(blocks: Blocks, correlation: float) -> tuple[float, float]:
     usable = blocks.usable.astype(np.float64)
     capped = np.clip(value / scale, -DISAGREEING_SIGMAS, DISAGREEING_SIGMAS) * usable
     pairs = _lagged_products(usable, interval, intervals)
-    # Taking out the level of an interval of m blocks correlates any two of them by -1/m.
-    expected = np.array([_ar_agreement(correlation, blocks.size, lag) for lag in PERSISTENCE_LAGS])
+    # Subtracting the level of an interval of m blocks correlates any two of them by -1/m.
+    expected = np.array([_ar_block_correlation(correlation, blocks.size, lag) for lag in PERSISTENCE_LAGS])
     level = 1.0 / np.maximum(np.bincount(interval, usable, intervals), 1.0)
     products = _lagged_products(capped, interval, intervals) - pairs * (expected - level[:, None])
     if np.count_nonzero(pairs[:, 0]) >= NO_ACCIDENT:
@@ -374,7 +374,7 @@ def _lagged_products(value: FloatArray, interval: IntArray, intervals: int) -> F
     return np.stack(columns, axis=1)
 
 
-def _ar_agreement(phi: float, size: int, lag: int) -> float:
+def _ar_block_correlation(phi: float, size: int, lag: int) -> float:
     """Return the correlation of the means of two blocks of AR(1) noise, `lag` blocks apart; 0 unless φ is positive."""
     if phi <= 0.0:
         return 0.0
@@ -386,16 +386,16 @@ def _ar_agreement(phi: float, size: int, lag: int) -> float:
 # ---- how far a missing effect may have moved the estimates -----------------------------------------------------------
 
 
-COMPARABLE: Final = 0.5  # share of the best shape's fall from which another counts beside it: none need be the true one
+COMPARABLE: Final = 0.5  # share of the best shape's decrease of χ² from which another shape counts too
 LONG_INTERVAL: Final = 0.01  # of the window: the lowest level is that of an interval at least as long
-CREDIBLE_SIZE: Final = 0.5  # of the least friction of its configuration: a sojourn with less is none
-SMALL_SHARE: Final = 0.3  # of a system's sojourns from which its rests do not count
-LONGEST_AWAKE: Final = 4.0  # mean sojourns that a system may well go without a rest
+CREDIBLE_SIZE: Final = 0.5  # of the least friction of its configuration: a sojourn with less is not credible
+SMALL_SHARE: Final = 0.3  # of a system's sojourns: with so many not credible, its rests are not credible either
+LONGEST_AWAKE: Final = 4.0  # multiple of the mean time above q = 0 for which a system may well not rest
 STRIBECK_SPEEDS: Final = (0.03, 0.1, 0.3)  # of the nominal speed: the catalogue's 1 … 100 rad/s at 300 rad/s
 # SKF's exponent, near Palmgren's 2/3, and the ends of the catalogue's range: the nearer to 1, the more of such a drag
-# the viscous slope takes up, and the less of it shows.
+# the viscous slope absorbs, and the less of it is detectable.
 SUBLINEAR: Final = (0.3, 0.6, 0.9)
-LAGS_S: Final = (60.0, 300.0)  # s, within the 10 s … 30 min that lubricant takes to follow
+LAGS_S: Final = (60.0, 300.0)  # s, within the 10 s … 30 min of the lubricant's time constant
 
 
 class ModelErrorUncertainty(NamedTuple):
@@ -414,7 +414,7 @@ class ModelErrorUncertainty(NamedTuple):
     systems: float
 
     def widen(self, features: Features) -> Features:
-        """Return the features of the window with standard deviations that hold this uncertainty."""
+        """Return the features of the window with standard deviations that include this uncertainty."""
         systems = []
         for system in features.systems:
             wide = np.where(system.configuration > 0, np.hypot(system.friction_std, self.systems), system.friction_std)
@@ -423,7 +423,7 @@ class ModelErrorUncertainty(NamedTuple):
             base_dry_std=float(np.hypot(features.base_dry_std, self.base_dry)),
             viscous_std=float(np.hypot(features.viscous_std, self.viscous / features.viscous_unit)),
             systems=tuple(systems),
-            by_path=(),  # what a missing effect did to the samples must not decide between paths
+            by_path=(),  # the error by a missing effect must not decide between paths
         )
 
 
@@ -435,7 +435,7 @@ def uncertainty_of(
     Parameters
     ----------
     evidence, estimate, assignment, components
-        The window, and what the stages made of it.
+        The window, and the results of its stages.
     wheel
         Its wheel; inertia and nominal speed scale the shapes.
     """
@@ -460,9 +460,9 @@ def uncertainty_of(
 
 
 def _hidden_friction(system: SwitchingSystem, configurations: IntArray, friction: FloatArray, slots: int) -> float:
-    """Return the friction that a system may have added all the time, its rests being steps of something else; or 0.
+    """Return the friction that a system may have added throughout, if its rests are steps of another effect; else 0.
 
-    A system whose rests are credible, by its duration laws or by the size of its sojourns, hides none.
+    It is 0 where the rests are credible, by the system's duration laws or by the size of its sojourns.
     """
     active = configurations > 0
     awake = sum(law.mean() for law in system.durations[1:])
@@ -515,7 +515,7 @@ def _lagged(speed: FloatArray, share: float) -> FloatArray:
 
 
 def _moved_by_shapes(blocks: Blocks, shapes: FloatArray, evidence: Evidence) -> tuple[float, float, float]:
-    """Return by how much supported shapes move the slope, the levels together, and the levels against each other."""
+    """Return the largest change by a supported shape: of the slope, the levels, and the levels about their mean."""
     weight = np.where(blocks.usable, blocks.n, 0.0)
     total = np.bincount(blocks.interval, weight, blocks.intervals)
     variance = evidence.noise.long_variance
@@ -541,7 +541,7 @@ def _moved_by_shapes(blocks: Blocks, shapes: FloatArray, evidence: Evidence) -> 
         alone = inside - tilt * x
         energy = float(weight @ alone**2)
         if not energy > SMALLEST_SPREAD * float(weight @ shape**2):
-            continue  # levels and slope take it up
+            continue  # levels and slope absorb it
         strength = float(weight @ (alone * left)) / energy
         moved = strength * (shape_level - tilt * x_level)
         mean = float(total @ moved) / whole

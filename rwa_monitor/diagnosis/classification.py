@@ -1,30 +1,30 @@
 """Stage 4: which anomalies are there, from the split friction, by Bayes' rule (method `joint`).
 
 Each sojourn of a system, and each of dry and viscous friction, is a measurement with its own standard deviation of a
-value that lies in the nominal or in the anomalous band (`model.Levels`). Wide uncertainty makes both densities equal
-and leaves the prior. Where a system never rests, its friction and the base dry friction share an unknown offset (the
-base/system ambiguity, errata 10): all combinations of anomalies are compared with it integrated out, so that the base
-of a healthy wheel, the ranges of friction and earlier windows decide together what it can be, and what stays ambiguous
-stays probability.
+value that lies in the nominal or in the anomalous band (`model.Levels`). A large standard deviation makes both
+densities equal and leaves the prior. Where a system never rests, its friction and the base dry friction share an
+unknown offset (the base/system ambiguity, errata 10): all combinations of anomalies are compared with it integrated
+out. So the healthy base, the ranges of friction and earlier windows jointly constrain the offset, and what remains
+ambiguous is expressed by the probabilities.
 
-What earlier windows of a wheel showed of base dry and of viscous friction is a `Coefficient`. A healthy wheel's lies
-where it lies in its band, window after window, so a second measurement of the same value is no second piece of
-evidence: what is carried is the value x, and whether it is anomalous is judged from x anew in each window. Before a
-window, x is a mixture (a hidden Markov model with renewal: Rabiner 1989; the same mixture as in Bayesian online
-changepoint detection, Adams and MacKay 2007, cut down to two run lengths, long and none):
+Base dry and viscous friction, as known from earlier windows of a wheel, are each a `Coefficient`. A healthy wheel's
+value keeps its place in the band, window after window, so a second measurement of it is no independent evidence: the
+value x is carried, and whether it is anomalous is judged from x anew in each window. Before a window, the distribution
+of x is a mixture (a hidden Markov model with renewal: Rabiner 1989; the same mixture as in Bayesian online changepoint
+detection, Adams and MacKay 2007, reduced to two run lengths, long and none):
 
 * *held*: nothing changed, and x follows a random walk from what earlier windows measured, N(m, d²);
-* *changed*: since the last window that showed it, x changed (`CHANGE_PER_WINDOW`) and is as likely anomalous as any
-  (more likely if it was: `rate_after_change`).
+* *changed*: since the last window that measured it, x changed (`CHANGE_PER_WINDOW`) and is as likely anomalous as that
+  of any wheel (more likely if it was: `rate_after_change`).
 
 With π the rate of the anomaly, p_c the density of healthy (c = 0) and anomalous (c = 1) values, a window that measures
 z ± s, and m' ± s' the value with this measurement filtered in,
 
     p(c, z | held) = N(z; m, d² + s²) π_c p_c(m'; s') / Σ π p(m; d),        p(c, z | changed) = π'_c p_c(z; s),
 
-where p_c(v; s) is the density of measuring v ± s and π' the rate after a change. A window that measures x well judges
-by its own value, whatever went before; one that does not show x leaves it where it was, with the hazard that it changed
-unseen.
+where p_c(v; s) is the density of measuring v ± s and π' the rate after a change. A window that measures x well is
+judged by its own value, whatever came before; one that does not leaves x as it was, with a probability that it has
+changed unobserved.
 """
 
 from __future__ import annotations
@@ -46,12 +46,12 @@ from rwa_monitor.samples import BoolArray, FloatArray, IntArray
 from rwa_monitor.switching.assignment import softmax
 from rwa_monitor.switching.carried_state import CarriedState, Tracked, probability_before, rate_after_change
 
-# A value shows nothing when its standard deviation exceeds this share of the distance between nominal and anomalous.
+# A value is uninformative if its standard deviation exceeds this share of the distance between nominal and anomalous.
 INFORMATIVE_STD: Final = 0.4
-# A window shows a coefficient by itself when the middle between the two is two standard deviations away from either.
+# A window alone decides on a coefficient if the middle between the two is two standard deviations away from either.
 SHOWING_STD: Final = 0.25
-# From this probability that a value is still the one measured earlier, a window that does not show it leans on it: it
-# was seen within the last ten windows.
+# Least probability that a value is still the one measured earlier for a window to rely on that: it was measured within
+# the last ten windows.
 LEANING_HELD: Final = 0.8
 
 
@@ -61,9 +61,9 @@ class Coefficient(NamedTuple):
     Attributes
     ----------
     levels, rate
-        What was learned of it, and how often the anomaly occurs.
+        Its learned bands, and the rate of the anomaly.
     before
-        What earlier windows showed, drifted to this window; None where they showed nothing.
+        The value known from earlier windows, predicted for this one; None where there is none.
     """
 
     levels: Levels
@@ -108,11 +108,11 @@ class Coefficient(NamedTuple):
         return rate_after_change(self._anomalous(before), self.rate)
 
     def informative(self, std: float) -> bool:
-        """Return whether a measurement this good distinguishes nominal from anomalous at all."""
+        """Return whether a measurement with this standard deviation can distinguish nominal from anomalous at all."""
         return std < INFORMATIVE_STD * self.levels.reach
 
     def leans(self, std: float) -> bool:
-        """Return whether a window that measured the coefficient with `std` leans on earlier, better ones."""
+        """Return whether a window that measured the coefficient with `std` relies on earlier, better ones."""
         before = self.before
         return (
             before is not None
@@ -122,11 +122,10 @@ class Coefficient(NamedTuple):
         )
 
     def after(self, value: float, std: float) -> Tracked | None:
-        """Return what is known of the coefficient after a window that measured `value` ± `std`; None if still nothing.
+        """Return the tracked value after a window that measured `value` ± `std`; None if there still is none.
 
-        Where the window shows it, that it changed or not is one more uncertainty of the value, and the mixture becomes
-        the Gaussian of the same mean and variance; otherwise the earlier value stays, with the probability that it is
-        still that.
+        Where the window is informative, the mixture of held and changed is replaced by the Gaussian of the same mean
+        and variance; otherwise the filtered earlier value is kept, with the probability that it still holds.
         """
         if not (math.isfinite(value) and math.isfinite(std)):
             return self.before
@@ -151,11 +150,11 @@ def coefficient(model: AnomalyModel | None, tracked: Tracked | None, unit: float
     Parameters
     ----------
     model
-        What was learned.
+        The learned model.
     tracked
-        What earlier windows showed, None if nothing.
+        The value after earlier windows, or None.
     unit
-        What the features' unit is in that of `tracked`.
+        The features' unit in that of `tracked`.
     """
     if model is None or model.levels[0] is None:
         return None
@@ -163,7 +162,7 @@ def coefficient(model: AnomalyModel | None, tracked: Tracked | None, unit: float
 
 
 def _filtered(before: Tracked, value: FloatArray, std: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return mean and std of the value held with a measurement filtered in, and the log density of measuring that."""
+    """Return mean and std of the earlier value updated by a measurement, and the latter's log predictive density."""
     total = np.maximum(np.hypot(before.std, std), SMALLEST_STD)
     mean = before.mean + (before.std / total) ** 2 * (value - before.mean)
     log_density = -0.5 * ((value - before.mean) / total) ** 2 - np.log(total * math.sqrt(2.0 * math.pi))
@@ -173,9 +172,9 @@ def _filtered(before: Tracked, value: FloatArray, std: FloatArray) -> tuple[Floa
 UNKNOWN: Final = 0.5  # probability of an anomaly about which nothing is known
 LEAST_PRIOR: Final = 1e-9
 OFFSET_STEPS: Final = 1024  # grid over which an unknown offset is integrated, from no offset to all of the dry friction
-PRIOR_ROUNDS: Final = 8  # each brings the probabilities nearer to what is wanted by an order of magnitude or so
+PRIOR_ROUNDS: Final = 8  # each reduces the error of the marginal probabilities by about an order of magnitude
 _History = tuple[Coefficient | None, Coefficient | None]  # dry and viscous before the window; None: nothing learned
-UNLIKE_SHARE: Final = 0.9  # from this probability that a value is a stray, it is called unlike anything learned
+UNLIKE_SHARE: Final = 0.9  # mean probability of being a stray beyond which values count as unlike anything learned
 
 
 @dataclass(frozen=True, slots=True)
@@ -191,12 +190,11 @@ class Judged:
     active
         Whether it is diagnosed.
     informative
-        Whether the window or, lately, earlier ones can show it at all; otherwise the probability is that before the
-        window.
+        Whether this window, or recent ones, can detect it at all; otherwise the probability is that before the window.
     unlike
         Whether what was seen is unlike everything learned, nominal or anomalous.
     leans
-        Whether the window alone does not show it and earlier windows do.
+        Whether the judgement relies on earlier windows, this one alone not deciding it.
     known
         Whether anything was learned or stated of it; otherwise it is not judged.
     """
@@ -222,9 +220,9 @@ class Judgement(NamedTuple):
     to_carry
         For each anomaly the probability that the next window starts from.
     configurations
-        For each system int64 (sojourns,): the likeliest configurations by all that was learned, given who jumped when.
+        For each system int64 (sojourns,): the likeliest configurations by all that was learned, its jumps being given.
     tracked
-        What is known of base dry and of viscous friction after the window, in the features' unit; None where nothing.
+        Base dry and viscous friction as known after the window, in the features' unit; None where unknown.
     """
 
     anomalies: tuple[Judged, ...]
@@ -268,11 +266,11 @@ def classify(
     names
         The anomalies' names, in the wheel's order.
     model
-        The whole model, for how likely several anomalies at once are.
+        The whole model, for the probability of several anomalies at once.
     carried
-        What earlier windows showed.
+        The state after earlier windows.
     new_share
-        Share of the window's slots that no earlier window had; what is carried on counts the evidence by it, so that
+        Share of the window's slots that no earlier window had; evidence is weighted by it in the carried state, so that
         overlapping windows do not count it twice.
     """
     history = (coefficient(models[0], carried.base_dry), coefficient(models[1], carried.viscous, features.viscous_unit))
@@ -291,14 +289,14 @@ def classify(
     configurations = assigned_configurations(features if likeliest is None else conditional[likeliest])
     ambiguity = None
     if not features.base_known:
-        # Without paths beside it the window's own features are all that was weighed.
+        # Without alternative paths, the window's own features have been evaluated already.
         ambiguity = (_log_likelihood(features, models, combinations, history) if features.by_path else weighed[0])[1]
     if ambiguity is None:
         base = dry.after(features.base_dry, features.base_dry_std) if dry else None
     else:
         number = ambiguity.number(combinations)
         features = _widened(ambiguity.apply(features, posterior, number), conditional, by_path.sum(axis=1))
-        # The window showed only its sum with the friction of a system: no value to take the old one's place.
+        # The window identifies only the sum of the base and a system's friction: no new value replaces the old one.
         base = dry.before.changed(held=ambiguity.held_after(posterior, number)) if dry and dry.before else None
 
     judged, to_carry = [], {}
@@ -307,7 +305,7 @@ def classify(
         if not _is_known(learned):
             judged.append(_not_judged(name))
             continue
-        # Shares that add up to one do so to the last digit only: 1 + 2e-16 would be refused as a probability.
+        # Rounding can raise a sum of shares above one: 1 + 2e-16 would be refused as a probability.
         probability = min(1.0, share)
         informative, unlike = _quality(features, learned, a)
         leans = a == 1 and viscous is not None and viscous.leans(features.viscous_std)
@@ -321,7 +319,7 @@ def classify(
                 leans=leans,
             )
         )
-        # A coefficient that the window hardly measures is drawn to the same side by each window like it.
+        # A coefficient that the window hardly measures is biased to the same side in each similar window.
         hardly = a < 2 and not informative and (a == 1 or ambiguity is None)
         repeated = hardly or _repeats(features, a)
         log_odds = _logit(before)
@@ -345,10 +343,10 @@ def shares_of(combinations: BoolArray, weights: FloatArray) -> list[float]:
 
 
 def _repeats(features: Features, a: int) -> bool:
-    """Return whether of this anomaly the next window shows the same again, so that it must not add up to certainty.
+    """Return whether the next window would repeat the evidence on this anomaly, so that it must not accumulate.
 
-    A system that made no jump shows nothing at rest; elsewhere it shows only the sum of its friction and the base's,
-    and neither is distinguished from the other however long that lasts.
+    A system that made no jump gives no information at rest; elsewhere only on the sum of its friction and the base's,
+    and the two stay inseparable however long that lasts.
     """
     if a == 0:
         return any(not system.rests and system.unmoved for system in features.systems)
@@ -356,10 +354,10 @@ def _repeats(features: Features, a: int) -> bool:
 
 
 def _widened(features: Features, conditional: Sequence[Features], weights: FloatArray) -> Features:
-    """Return the features with a base as uncertain as the paths make it in which all systems rest.
+    """Return the features with the base's std widened by its scatter over the paths in which all systems rest.
 
-    `weights` (paths,) are their probabilities. A base higher by what a system's step is worth, with the system a
-    configuration lower, is another path of the same samples.
+    `weights` (paths,) are the paths' probabilities. A base higher by one step of a system, with the system one
+    configuration lower, explains the same samples.
     """
     apart = [(one.base_dry - features.base_dry) * one.base_known for one in conditional]
     spread = math.sqrt(weights @ np.square(apart))
@@ -369,7 +367,7 @@ def _widened(features: Features, conditional: Sequence[Features], weights: Float
 def _log_likelihood(
     features: Features, models: Sequence[AnomalyModel | None], combinations: BoolArray, history: _History
 ) -> tuple[FloatArray, BaseSystemAmbiguity | None]:
-    """Return the log likelihood of each combination, float64 (combinations,), and what was integrated for it."""
+    """Return the log likelihood of each combination, float64 (combinations,), and the ambiguity integrated for it."""
     # Systems that never rest are judged together with the base dry friction, all others alone.
     unrested = [
         (s, learned)
@@ -404,12 +402,13 @@ def _prior(
 ) -> FloatArray:
     """Return the probability of each combination before the window, float64 (combinations,).
 
-    How many anomalies come at once is learned, which ones is equally likely; then each anomaly's odds are brought to
-    how often it occurs, and to what earlier windows showed, the latter in turns until all agree (iterative proportional
-    fitting): ruling out one anomaly must not, window after window, raise the others.
+    The distribution of the number of simultaneous anomalies is learned, all sets of one number being equally likely.
+    Then each anomaly's odds are set to its rate, and its probability to that after earlier windows, the latter in turns
+    until all agree (iterative proportional fitting): ruling out one anomaly must not, window after window, raise the
+    others.
     """
     prior, rates = _learned_prior(model.simultaneous, tuple(learned and learned.rate for learned in models))
-    wanted = _shown_before(names, rates, carried, history)
+    wanted = _carried_probabilities(names, rates, carried, history)
     for _ in range(PRIOR_ROUNDS if wanted else 0):
         for a, now in wanted.items():
             there = _all_combinations(len(names))[:, a]
@@ -422,9 +421,9 @@ def _prior(
 def _learned_prior(
     simultaneous: tuple[float, ...], learned: tuple[float | None, ...]
 ) -> tuple[FloatArray, tuple[float, ...]]:
-    """Return the probability of each combination by what was learned alone, and the rate of each anomaly in it.
+    """Return the probability of each combination by the learned model alone, and the rate of each anomaly in it.
 
-    `learned` rates; None where nothing was. A model's never change, its windows come for months.
+    `learned`: the rates, None where none was learned. They never change while a model is in use, for months.
     """
     total = len(learned)
     combinations = _all_combinations(total)
@@ -440,13 +439,13 @@ def _learned_prior(
     return softmax(log_prior), tuple(rates)
 
 
-def _shown_before(
+def _carried_probabilities(
     names: Sequence[str], rates: Sequence[float], carried: CarriedState, history: _History
 ) -> dict[int, float]:
-    """Return by anomaly the probability that earlier windows give it; none for those of which they showed nothing.
+    """Return by anomaly its probability after earlier windows; no entry for those without information from them.
 
-    That of a coefficient which they measured comes from its value; the others' from what was concluded, and the
-    hazard that it changed since.
+    That of a coefficient which they measured comes from its value; the others' from the last judgement, and the
+    probability of a change since.
     """
     shown: dict[int, float] = {}
     for a, (name, rate) in enumerate(zip(names, rates, strict=True)):
@@ -464,7 +463,7 @@ def _is_known(model: AnomalyModel | None) -> TypeGuard[AnomalyModel]:
 
 
 def _quality(features: Features, model: AnomalyModel, a: int) -> tuple[bool, bool]:
-    """Return whether the window can show an anomaly, and whether what it shows is unlike everything learned."""
+    """Return whether the window is informative on an anomaly, and whether its values are unlike everything learned."""
     if a < 2:
         q, value, std = features.measured(a)
         found = np.array([q]), np.array([value]), np.array([std])
@@ -481,7 +480,7 @@ def _logit(probability: float) -> float:
 
 
 def _clipped(probability: float) -> float:
-    """Return a probability that rules nothing out for ever."""
+    """Return a probability away from 0 and 1, which would rule out an outcome for ever."""
     return min(max(probability, LEAST_PRIOR), 1.0 - LEAST_PRIOR)
 
 
@@ -517,7 +516,7 @@ class BaseSystemAmbiguity(NamedTuple):
     def apply(self, features: Features, posterior: FloatArray, number: IntArray) -> Features:
         """Return the features at the expected base; what the base loses, the system that never rests gains.
 
-        With several such systems the data do not show how they share it, and stage 3's split of them stays.
+        With several such systems their shares are not identifiable: stage 3's split is kept, with a wider base.
         """
         weights = self._weights(posterior, number)
         mean = float(np.sum(weights * self.base))
@@ -556,7 +555,7 @@ def integrate_ambiguity(
     features
         Of the window.
     dry
-        What was learned of dry friction, and what earlier windows showed of it; None where nothing was.
+        Dry friction, learned bands and value after earlier windows; None where nothing was learned.
     unrested
         Index and model of each system that never rests.
     """
@@ -596,7 +595,7 @@ def integrate_ambiguity(
 
 
 def _convolve(tables: Sequence[tuple[FloatArray, float]]) -> tuple[FloatArray, float]:
-    """Convolve likelihoods over the grid of offsets; the log of what they were divided by adds up."""
+    """Convolve likelihoods over the grid of offsets; the logarithms of their scale factors add up."""
     together, log_scale = tables[0]
     for table, scale in tables[1:]:
         together = np.convolve(together, table)[: together.size]

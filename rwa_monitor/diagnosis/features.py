@@ -1,8 +1,8 @@
 """Features: what stage 3 hands to the classifiers, one set per window.
 
-dry and viscous are single coefficients; a switching system is the list of its sojourns. Where a system never rests in
-the window (q = 0), its friction is known only up to a offset that is missing from the base dry friction (errata 10);
-`rests` marks that, and the joint classifier integrates over the offset.
+Dry and viscous friction are single coefficients; a switching system is the list of its sojourns. Where a system never
+rests in the window (q = 0), its friction is known only up to an offset, which the base dry friction has with opposite
+sign (errata 10); `rests` is then false, and the joint classifier integrates over the offset.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from rwa_monitor.changepoints.stage_results import Assignment, Components
 from rwa_monitor.samples import FloatArray, IntArray
 from rwa_monitor.wheel.wheel import Wheel
 
-LEAST_INFORMATION: Final = 1e-3  # share of what is known of the slope that the window adds; with less it shows nothing
+LEAST_INFORMATION: Final = 1e-3  # share of the slope's information that must come from the window, or it measures none
 
 
 class SystemFeatures(NamedTuple):
@@ -82,7 +82,7 @@ class Features(NamedTuple):
     log_weight
         Of one path: see `stage_results.ConditionalEstimate`.
     same_jumps
-        Whether every jump is made by the system of the assignment; of another path only configurations may differ then.
+        Whether every jump is made by the system of the assignment, so that a path differs in configurations only.
     """
 
     base_dry: float
@@ -97,13 +97,13 @@ class Features(NamedTuple):
 
     @property
     def base_known(self) -> bool:
-        """Whether all systems rest at some time, so that the window itself shows the base dry friction."""
+        """Whether all systems rest at some time, so that the window itself identifies the base dry friction."""
         return all(system.rests for system in self.systems)
 
     def measured(self, anomaly: int) -> tuple[int, float, float]:
-        """Return by what an anomaly is measured, by its number in the wheel's order: configuration, value and std.
+        """Return configuration, value and std by which an anomaly is judged, given its number in the wheel's order.
 
-        That of a system is the mean friction of its highest configuration.
+        For a system, the value is the mean friction of its highest configuration.
         """
         if anomaly == 0:
             return 0, self.base_dry, self.base_dry_std
@@ -137,8 +137,8 @@ def features_of(components: Components, assignment: Assignment, wheel: Wheel) ->
 def without_prior(features: Features, prior: SlopePrior) -> Features:
     """Return the features with viscous friction as this window alone measures it.
 
-    Stage 3 starts from what earlier windows showed of the slope. Handed on as a measurement, that would count again in
-    every window which hardly shows it: a Gaussian posterior over a Gaussian prior is the window's own likelihood.
+    Stage 3 has the slope of earlier windows as its prior. Passed on as a measurement, that would count again in every
+    window with little information on it. A Gaussian posterior over its Gaussian prior is the window's own likelihood.
 
     Parameters
     ----------
@@ -165,8 +165,8 @@ def _systems(
     found = []
     for s, (system, configuration) in enumerate(zip(wheel.fss, configurations, strict=True)):
         rests = not configuration.all()
-        # What stage 3 gives of a system that never rests includes the offset that all sojourns share; the differences
-        # come from the jumps.
+        # For a system that never rests, stage 3's std includes the offset common to all sojourns; that of their
+        # differences comes from the jumps.
         std = parts.fss_friction_std[s]
         if not rests:
             own = assignment.jump_std[assignment.system == s]

@@ -1,4 +1,4 @@
-"""What the diagnosis of a window is a function of, and its parts in SI units: the diagnosis is the message on the bus.
+"""The inputs of a window's diagnosis, and its parts in SI units: the diagnosis is the message on the bus.
 
 Slots and indices count within the window; nothing here depends on the time of day, the spacecraft or the file.
 """
@@ -55,12 +55,12 @@ class AnomalyDiagnosis(Judged):
     unmoved: bool
 
 
-# ---- what it is a function of ----------------------------------------------------------------------------------------
+# ---- inputs ----------------------------------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True)
 class DiagnosisInput:
-    """What a diagnosis is a function of; `start_ns` is the time of the window's first slot."""
+    """All inputs of a diagnosis; `start_ns` is the time of the window's first slot."""
 
     evidence: Evidence
     wheel: Wheel
@@ -71,11 +71,11 @@ class DiagnosisInput:
 
     @cached_property
     def models(self) -> list[AnomalyModel | None]:
-        """What is known about each anomaly of the wheel, in the wheel's order; None where nothing is."""
+        """The model of each anomaly of the wheel, in the wheel's order; None where there is none."""
         return models_for(self.wheel, self.model)
 
     def stated(self) -> dict[str, Any]:
-        """Return the fields of the diagnosis on its window and what it was made with, no spacecraft or wheel named."""
+        """Return the fields of the diagnosis on window and provenance; spacecraft and wheel are left empty."""
         evidence = self.evidence
         provenance = Provenance(
             software=SOFTWARE,
@@ -97,22 +97,22 @@ class DiagnosisInput:
 
 
 class Findings(NamedTuple):
-    """What a verdict is drawn from, and explained by.
+    """The results from which a verdict and its explanation follow.
 
     Attributes
     ----------
     inputs
-        What the diagnosis is a function of.
+        The inputs of the diagnosis.
     anomalies
         One entry per possible anomaly, in the wheel's order.
     base_known
-        Whether the window itself distinguishes base dry friction from the switching systems'.
+        Whether the window itself separates base dry friction from the switching systems'.
     fits
         Whether the friction model fits.
     unnamed_jumps
         Whether friction jumps and the wheel file names no switching system.
     temperature_uncertainty
-        What the bearing's temperature leaves open of viscous friction; "" where nothing.
+        Why the bearing's temperature makes viscous friction uncertain; "" where it does not.
     """
 
     inputs: DiagnosisInput
@@ -123,7 +123,7 @@ class Findings(NamedTuple):
     temperature_uncertainty: str = ""
 
     def because_of_temperature(self, names: Sequence[str]) -> str:
-        """Return the end of a reason on what keeps these anomalies from being judged; "" where `lacking` has it."""
+        """Return the end of a reason, on temperature, why these anomalies are not judged; "" where `lacking` has it."""
         why = self.temperature_uncertainty if self.fits.adequate and "viscous" in names else ""
         return f": {why}" if why else ""
 

@@ -1,8 +1,8 @@
 """The shortest change of speed that decides whether dry or viscous friction is nominal, on this wheel.
 
-At one speed the two are one number. Two speeds that are Δ apart, held for n samples each before and after a change,
-give the slope with the variance 2σ²/(n·Δ²), whatever the level is. Friction jumps from time to time: each change of the
-speed within a stretch between jumps adds as much.
+At one speed only the sum of the two is identifiable. Two speeds that differ by Δ, held for n samples each before and
+after a change, give the slope with the variance 2σ²/(n·Δ²), whatever the level is. Friction jumps from time to time:
+each change of the speed within an interval between jumps adds as much information.
 """
 
 import math
@@ -51,12 +51,12 @@ def deciding_manoeuvres(
     Parameters
     ----------
     wheel, model
-        The wheel, with its noise, and what was learned of its anomalies.
+        The wheel, with its noise, and the model of its anomalies.
     name
         Which friction may be anomalous.
     certainty
-        Wanted probability that a value at the edge of the nominal band, or at the median of the anomaly, is taken for
-        what it is.
+        Wanted probability that a value at the edge of the nominal band, or at the median of the anomaly, is classified
+        correctly.
     speed_rad_s
         Where the wheel runs; None: at its nominal speed. Where it cannot run faster, it is slowed down.
 
@@ -77,15 +77,15 @@ def deciding_manoeuvres(
     if learned is None or learned.levels[0] is None:
         raise InputError(source, "has no nominal range of it", name)
     wanted = _wanted_std(learned.levels[0], certainty)
-    # Of the slope [N m s/rad]: dry friction is the level at this speed, which is known well, less the slope times it.
+    # Of the slope [N m s/rad]: dry friction is the level at this speed, well known, less the slope times the speed.
     std = wanted * (nominal.viscous_Nm_s_rad if name == "viscous" else nominal.dry_torque_Nm / speed)
     found = [_of_change(wheel, share * nominal.nominal_speed_rad_s, noise_Nm, std) for share in CHANGES]
-    # What takes longer than a day is no manoeuvre.
+    # Manoeuvres longer than a day are not practical.
     return [one for one in found if one.duration_s < SECONDS_PER_DAY and one.change_rad_s <= max(top - speed, speed)]
 
 
 def _wanted_std(levels: Levels, certainty: float) -> float:
-    """Return the standard deviation with which the middle between nominal and anomalous separates them so surely."""
+    """Return the std at which a threshold midway between nominal and anomalous has this probability of being right."""
     between = levels.severity_unit or levels.reach
     return 0.5 * between / float(stats.norm.ppf(certainty))
 
@@ -98,7 +98,7 @@ def _of_change(wheel: Wheel, change_rad_s: float, noise_Nm: float, slope_std: fl
         ramp_s = wheel.inertia_kg_m2 * change_rad_s / torque
     samples = 2.0 * (noise_Nm / (change_rad_s * slope_std)) ** 2  # to each side, if one change is to decide
     rate = sum(map(jump_rate, wheel.fss))  # jumps a sample
-    longest = 0.25 / rate if rate > 0.0 else math.inf  # to each side: half of a stretch between jumps holds both
+    longest = 0.25 / rate if rate > 0.0 else math.inf  # to each side: both take half of a mean interval between jumps
     changes = max(math.ceil(samples / longest), 1) if math.isfinite(longest) else 1
     hold_s = max(math.ceil(samples / changes), BLOCK) * period_s  # the monitor adds samples up in blocks
     return Manoeuvre(change_rad_s, hold_s, changes, changes * (2.0 * hold_s + ramp_s))

@@ -32,7 +32,7 @@ STATED_RATE: Final = 0.1
 class Band(Range):
     """Where values of one class lie: uniform on [low, high], the edges softened by a Gaussian of std `soft`.
 
-    It holds both laws that friction follows here: a range (soft small) and a value with scatter (low = high).
+    It covers both laws that friction follows here: a range (soft small) and a value with scatter (low = high).
     """
 
     low: Finite
@@ -58,7 +58,7 @@ class Levels(Strict):
     stray
         Share of values that lie nowhere near their band, because an earlier stage erred.
     reach
-        Scale on which other values than the learned ones are spread.
+        Scale of the density of values outside the learned bands.
     median
         Median of the learned anomaly, None where none was learned.
     """
@@ -88,9 +88,9 @@ class Levels(Strict):
 
     @property
     def severity_unit(self) -> float | None:
-        """How far above the nominal bound severity 1 lies; None where what was learned does not lie above it.
+        """Distance of severity 1 above the nominal bound; None where the learned anomaly does not lie above it.
 
-        At the median of the learned anomaly; where none was learned, at the scale on which anomalies are looked for.
+        Severity 1 is the median of the learned anomaly; where none was learned, it is `reach` above the bound.
         """
         if self.median is None:
             return self.reach
@@ -156,7 +156,7 @@ class AnomalyModel(Strict):
         return np.stack([unknown if levels is None else levels.numbers for levels in self.levels])
 
     def serves(self, system: SwitchingSystem) -> bool:
-        """Return whether what was learned is about this system: same configurations, and friction where stated."""
+        """Return whether the model applies to this system: same configurations, and the stated friction nominal."""
         if len(self.levels) != system.configurations:
             return False
         if system.friction is None:
@@ -183,9 +183,9 @@ class Model(Hashed):
     Attributes
     ----------
     version
-        Of this format.
+        Version of this format.
     trained
-        How.
+        How it was trained.
     anomalies
         One entry per anomaly.
     simultaneous
@@ -216,7 +216,7 @@ class Model(Hashed):
         return self
 
     def anomaly(self, name: str) -> AnomalyModel | None:
-        """Return what was learned about one anomaly, or None."""
+        """Return the model of one anomaly, or None."""
         return next((anomaly for anomaly in self.anomalies if anomaly.name == name), None)
 
     def to_json(self) -> str:
@@ -243,7 +243,7 @@ def from_stated_friction(system: SwitchingSystem) -> AnomalyModel | None:
 
 
 def models_for(wheel: Wheel, model: Model | None) -> list[AnomalyModel | None]:
-    """Return what is known about each anomaly of a wheel, in the wheel's order; None where nothing is.
+    """Return the model of each anomaly of a wheel, in the wheel's order; None where there is none.
 
     A system that the model does not hold, or holds with other configurations, is judged by the friction that the wheel
     file states for it: nominal within the stated ranges, without a learned anomaly.
@@ -263,14 +263,14 @@ def models_for(wheel: Wheel, model: Model | None) -> list[AnomalyModel | None]:
 
 
 def spread_out(learned: AnomalyModel | None, spread: float | None) -> AnomalyModel | None:
-    """Return what was learned of a coefficient where a healthy wheel's differs by more: what lies beyond is judged.
+    """Return the model of a coefficient with its nominal band widened by the spread between healthy recordings.
 
-    `spread` is a standard deviation in units of the nominal value; None or 0 for no more than was learned.
+    `spread` is a standard deviation in units of the nominal value; None or 0 leave the model as it is.
     """
     if learned is None or not spread or (level := learned.levels[0]) is None:
         return learned
     nominal = level.nominal.model_copy(update={"soft": math.hypot(level.nominal.soft, spread)})
-    # What lies beyond does so by as much as healthy values differ: else the edge of their range would be suspect.
+    # The scale of anomalies grows by the spread too: otherwise the edge of the healthy range would look anomalous.
     reach = level.reach + 2.0 * spread
     wide = Levels(nominal=nominal, anomalous=None, stray=level.stray, reach=reach, median=None)
     return AnomalyModel(name=learned.name, levels=(wide,), svm=None, rate=learned.rate)
@@ -282,7 +282,7 @@ def built_in_model() -> Model:
     return Model.from_json(packaged("rwa_monitor.diagnosis", BUILT_IN_MODEL_FILE), BUILT_IN_MODEL_FILE)
 
 
-# ---- likelihoods of what a window shows, each value with its own standard deviation ----------------------------------
+# ---- likelihoods of a window's measurements, each with its own standard deviation ------------------------------------
 
 _NO_OFFSET: Final[FloatArray] = np.zeros(1)
 
@@ -291,7 +291,7 @@ def log_densities(levels: Levels, value: FloatArray, std: FloatArray) -> FloatAr
     """Return the log density of measured values (n,) under nominal (row 0) and anomalous (row 1), float64 (2, n).
 
     Both classes share the stray values of earlier stages' errors: heavy tails (Lomax, shape 1) around the nominal
-    band. The anomalous class also has values beyond the nominal bound that are no learned anomaly's.
+    band. The anomalous class also has values beyond the nominal bound that belong to no learned anomaly.
     """
     return np.log(_densities(value, std, levels.numbers))
 
@@ -309,7 +309,7 @@ def system_evidence(model: AnomalyModel | None, system: SystemFeatures, offset: 
     if model is None or friction.size == 0:
         return np.zeros((2, offset.size))
     log_density = np.log(densities(configuration, friction, std, offset, model.numbers)[:2])
-    # One after the other: the sum's last bit must not depend on how many there are.
+    # `cumsum` adds in order: unlike in a pairwise sum, rounding does not depend on the number of terms.
     return np.asarray(np.cumsum(log_density, axis=1)[:, -1])
 
 
@@ -321,7 +321,7 @@ def stray_probabilities(
     Parameters
     ----------
     model
-        What was learned.
+        The model of the anomaly.
     configuration, value, std
         (n,); values of configurations that were not learned, and those that are not finite, are left out.
     """

@@ -15,14 +15,14 @@ from rwa_monitor.samples import BoolArray, FloatArray
 from rwa_monitor.wheel.wheel import RESERVED_ANOMALIES, Wheel
 
 MIN_WINDOWS: Final = 2  # of each class, below which an anomaly is not learned
-# No band is softer than this share of the distance between nominal and anomalous: a data set has its nominal values
-# far more exactly than a wheel in orbit keeps them.
+# No band is less soft than this share of the distance between nominal and anomalous: nominal values scatter far less in
+# a data set than on a wheel in orbit.
 MIN_SOFT: Final = 0.05
 MIN_SOFT_SYSTEM: Final = 0.02  # the same for a system's friction, whose band has a width of its own
-STRAYS: Final = (0.002, 0.2)  # share of strays: the least assumed, the most accepted
+STRAYS: Final = (0.002, 0.2)  # share of strays: least assumed, largest accepted
 SHARP_STD: Final = 0.1  # of the distance between nominal and anomalous: measured well enough to fit a band
 STRAY_FENCE: Final = 2.5  # quartile distances beyond the quartiles: four standard deviations of a Gaussian
-# Where no anomaly was seen in training, other values are spread on this share of the nominal middle.
+# Where no anomaly was seen in training, the scale of other values, as a share of the nominal middle.
 REACH_UNSEEN: Final = 0.3
 UNDECIDED: Final = (0.4, 0.6)
 # Windows added to each class, and to each number of simultaneous anomalies: what was not seen is not impossible. A
@@ -144,8 +144,8 @@ def _fit_band(value: FloatArray, std: FloatArray, min_soft: float, reach: float)
     """Fit a band and the share of strays.
 
     Two bands are tried, a range and a mean with scatter, each in a mixture with strays; the likelier one is taken.
-    Values that are uncertain because the window leaves open what they are (errata 10), not by noise, show nothing of a
-    band's shape: the less certain half is left out as far as it is not sharp.
+    Values that are uncertain because they are ambiguous (errata 10), not by noise, carry no information on a band's
+    shape: of the less certain half, only those with a std within SHARP_STD are used.
     """
     sharp = std <= max(SHARP_STD * reach, float(np.median(std)))
     value, std = value[sharp], std[sharp]

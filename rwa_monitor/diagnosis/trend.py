@@ -1,13 +1,13 @@
 """The history of a friction coefficient from window to window: whether it grows, and when it will reach a limit.
 
-The model: constant up to an unknown time, from there on a steady slope. Around it lie the estimates' own errors; a
-scatter that these do not know and that carries over from one window to the next (temperature, lubricant), AR(1) with
-unknown size and memory; and now and then a gross error, as when a whole jump was counted to the wrong part. The first
-two enter by their covariance, on a grid of sizes and memories that the restricted likelihood of the data weighs; so a
-autocorrelated scatter, which looks like a trend, makes the test and the interval as unsure as they should be. Gross
-errors are toned down first, by Student's t.
+The model: constant up to an unknown onset, from there on a steady slope. Deviations from it are the estimates' own
+errors; a scatter that their standard deviations do not include and that persists from one window to the next
+(temperature, lubricant), AR(1) with unknown size and memory; and an occasional gross error, as when a whole jump was
+assigned to the wrong part. The first two enter by their covariance, on a grid of sizes and memories weighted by the
+restricted likelihood of the data; so an autocorrelated scatter, which mimics a trend, raises the p-value and widens the
+interval as it should. Gross errors are down-weighted first, by Student's t.
 
-Without a trend, the largest standardised slope over all beginnings exceeds c with a probability of at most
+Without a trend, the largest standardised slope over all onsets exceeds c with a probability of at most
 
     2 Φ(-c) + L/π · exp(-c²/2),
 
@@ -24,13 +24,13 @@ from rwa_monitor.errors import InputError
 from rwa_monitor.samples import FloatArray
 
 SIGNIFICANCE: Final = 1e-3  # p-value below which a trend is announced: it is tested anew at every window
-MIN_WINDOWS: Final = 8  # for a line, its beginning, and the scatter around it
+MIN_WINDOWS: Final = 8  # for a line, its onset, and the scatter around it
 MAX_WINDOWS: Final = 300  # the newest are used; at 2.2 hours each that is four weeks
-ONSETS: Final = 48  # beginnings that are tried, evenly over the time
-LAST_TESTED: Final = 5  # windows after a beginning that may announce a trend: fewer may be gross errors in a row
-DEGREES_OF_FREEDOM: Final = 2.0  # of Student's t: gross errors of dry friction, a whole jump, are 50 deviations
+ONSETS: Final = 48  # onsets that are tried, evenly over the time
+LAST_TESTED: Final = 5  # windows that a tested onset has after it, at least: fewer may be gross errors in a row
+DEGREES_OF_FREEDOM: Final = 2.0  # of Student's t: a gross error of dry friction, a whole jump, is 50 std
 ROUNDS: Final = 12  # of reweighting
-SCATTERS: Final = (0.0, 0.5, 1.0, 2.0, 4.0, 8.0, 16.0)  # beside the median standard deviation of the estimates
+SCATTERS: Final = (0.0, 0.5, 1.0, 2.0, 4.0, 8.0, 16.0)  # in units of the median standard deviation of the estimates
 MEMORIES: Final = (0.0, 0.7, 0.9, 0.95, 0.98, 0.99)  # correlation of the scatter from one window to the next
 QUANTILES: Final = (0.025, 0.5, 0.975)  # of a 95 % interval
 FARTHEST: Final = 1e3  # times the span of the data; a limit beyond is never reached
@@ -54,16 +54,16 @@ class Reach(NamedTuple):
 
 
 class Lines(NamedTuple):
-    """All lines that may be: each a beginning, with level and slope normally distributed, and a weight.
+    """The posterior of the line, a mixture: for each onset and covariance a weight and a normal law of level and slope.
 
     Attributes
     ----------
     now_s, span_s
         Time of the last window, and of all [s].
     weight, onset_s
-        float64 (lines,), weights with sum 1, and beginnings [s].
+        float64 (lines,), weights with sum 1, and onsets [s].
     mean, covariance
-        float64 (lines, 2) and (lines, 2, 2), of the level before the beginning and the slope after it.
+        float64 (lines, 2) and (lines, 2, 2), of the level before the onset and the slope after it.
     """
 
     now_s: float
@@ -104,7 +104,7 @@ class Lines(NamedTuple):
 
 
 class Trend(NamedTuple):
-    """What many windows show of the history of one coefficient.
+    """Result of the search for a trend of one coefficient over many windows.
 
     Attributes
     ----------
@@ -113,11 +113,11 @@ class Trend(NamedTuple):
     p_value
         Upper bound of the probability of such a slope where there is no trend.
     slope, slope_std
-        Change per second since the beginning.
+        Change per second since the onset.
     onset_s
-        Beginning [s]: 2.5 %, 50 % and 97.5 % quantile, resolved to windows.
+        Onset [s]: 2.5 %, 50 % and 97.5 % quantile, resolved to the grid of `ONSETS`.
     value
-        Of the line at the last window.
+        Mean of the line at the last window.
     lines
         The distribution that all of this comes from; `lines.at(time_s)` is the line to draw.
     """
@@ -159,11 +159,11 @@ def find_trend(time_s: FloatArray, value: FloatArray, std: FloatArray) -> Trend 
     time_s
         float64 (n,), middle of each window, ascending; any clock.
     value, std
-        float64 (n,), estimates and their standard deviations, one unit; NaN in either where a window shows none.
+        float64 (n,), estimates and their standard deviations, one unit; NaN in either where a window has none.
 
     Returns
     -------
-    Trend, or None where fewer than `MIN_WINDOWS` windows show the coefficient.
+    Trend, or None where fewer than `MIN_WINDOWS` windows have an estimate.
 
     Raises
     ------
@@ -179,12 +179,12 @@ def find_trend(time_s: FloatArray, value: FloatArray, std: FloatArray) -> Trend 
         raise InputError("trend", "times must ascend, and standard deviations be positive")
     if time_s.size < MIN_WINDOWS:
         return None
-    # Inside, time is a share of the span and values are in median standard deviations: nothing over- or underflows.
+    # Below, time is a share of the span and values are in median standard deviations: nothing over- or underflows.
     span_s, middle, scale = float(time_s[-1] - time_s[0]), float(np.median(value)), float(np.median(std))
     at, y = (time_s - time_s[0]) / span_s, (value - middle) / scale
-    onsets = np.linspace(0.0, at[-2], ONSETS)  # a window at least after each
+    onsets = np.linspace(0.0, at[-2], ONSETS)  # at least one window after each
     hinges = np.maximum(at - onsets[:, None], 0.0)
-    variance = _tone_down(at, hinges, y, (std / scale) ** 2)
+    variance = _raised_for_gross_errors(at, hinges, y, (std / scale) ** 2)
     cells = [(0.0, 0.0), *((scatter, memory) for scatter in SCATTERS[1:] for memory in MEMORIES)]
     tested = int(np.count_nonzero(onsets <= at[-1 - LAST_TESTED]))
     fits = [_fit(at, hinges, tested, y, variance, scatter, memory) for scatter, memory in cells]
@@ -223,11 +223,11 @@ def _quantiles(values: FloatArray, weight: FloatArray) -> tuple[float, float, fl
 # ---- gross errors ----------------------------------------------------------------------------------------------------
 
 
-def _tone_down(at: FloatArray, hinges: FloatArray, y: FloatArray, variance: FloatArray) -> FloatArray:
-    """Return the variances with those of gross errors raised.
+def _raised_for_gross_errors(at: FloatArray, hinges: FloatArray, y: FloatArray, variance: FloatArray) -> FloatArray:
+    """Return the variances, increased for gross errors.
 
-    For each beginning and size of the scatter a line is fitted under Student's t by reweighting; the likeliest of them
-    decides which residuals are gross.
+    For each onset and size of the scatter a line is fitted under Student's t by iterative reweighting; the likeliest of
+    them decides which residuals are gross.
     """
     scatter = np.square(SCATTERS)[None, :, None]
     total = variance + scatter  # (1, scatters, n)
@@ -239,7 +239,7 @@ def _tone_down(at: FloatArray, hinges: FloatArray, y: FloatArray, variance: Floa
         level, slope = _weighted_line(h, y, weight)
         square = (y - level - slope * h) ** 2 / total
         weight = (DEGREES_OF_FREEDOM + 1.0) / (DEGREES_OF_FREEDOM + square) / total
-    # Of Student's t, but for what all have in common.
+    # Of Student's t, without the constants common to all.
     log_density = -0.5 * (DEGREES_OF_FREEDOM + 1.0) * np.log1p(square / DEGREES_OF_FREEDOM) - 0.5 * np.log(total)
     best = np.unravel_index(int(np.argmax(log_density.sum(axis=-1))), square.shape[:2])
     excess = np.maximum((DEGREES_OF_FREEDOM + square[best]) / (DEGREES_OF_FREEDOM + 1.0) - 1.0, 0.0)
@@ -261,7 +261,7 @@ def _weighted_line(h: FloatArray, y: FloatArray, weight: FloatArray) -> tuple[Fl
 
 
 class _Fit(NamedTuple):
-    """All lines under one covariance: restricted log-likelihood, mean, covariance by beginning; p-value of the test."""
+    """All lines under one covariance: restricted log-likelihood, mean, covariance by onset; p-value of the test."""
 
     log_likelihood: FloatArray  # (onsets,)
     mean: FloatArray  # (onsets, 2)
@@ -278,13 +278,13 @@ def _fit(
     scatter: float,
     memory: float,
 ) -> _Fit:
-    """Fit a line from each beginning by generalised least squares, and test the slopes of the first `tested`."""
+    """Fit a line for each onset by generalised least squares, and test the slopes of the first `tested`."""
     steps = np.abs(at[:, None] - at) / np.median(np.diff(at))
     covariance = np.diag(variance) + scatter**2 * memory**steps
     root = np.linalg.cholesky(covariance)
     white = linalg.solve_triangular(root, np.column_stack([y, np.ones_like(y), hinges.T]), lower=True)
     y_white, one, h = white[:, 0], white[:, 1], white[:, 2:]
-    # Orthogonal to the level, each hinge is a direction of its own, and its slope a single projection.
+    # With the level projected out, each hinge is one direction, and its slope a single projection.
     mean_y, mean_h = (one @ y_white) / (one @ one), (one @ h) / (one @ one)
     y_free, h_free = y_white - mean_y * one, h - mean_h * one[:, None]
     norm = np.linalg.norm(h_free, axis=0)
@@ -295,8 +295,8 @@ def _fit(
     covariances[:, 0, 0] = 1.0 / (one @ one) + mean_h**2 * slope_variance
     covariances[:, 0, 1] = covariances[:, 1, 0] = -mean_h * slope_variance
     covariances[:, 1, 1] = slope_variance
-    # Level and rise since the beginning are integrated out under flat priors; the rise, not the slope, so that a late
-    # beginning is not thought likelier for the steep lines it allows.
+    # Level and rise since the onset are integrated out under flat priors; the rise, not the slope, so that a late onset
+    # does not become likelier for the steep lines it allows.
     log_likelihood = (
         -np.log(np.diag(root)).sum()
         - 0.5 * np.log(one @ one)

@@ -1,6 +1,6 @@
-"""From the judgement on each anomaly to the verdict on a window: its reason, what helps, and words for an operator.
+"""From the judgement on each anomaly to the verdict on a window: its reason, a remedy, and words for an operator.
 
-The reason is one sentence, the explanation two or three to act on. They name numbers.
+The reason is one sentence, the explanation two or three to act on. They state numbers.
 """
 
 import math
@@ -28,7 +28,7 @@ _ACTION_MODEL_TOO = (
     " wheel file by it before that is ruled out."
 )
 CHECK_TELEMETRY: Final = "Check the telemetry link and the sensors before the wheel."
-WORTH_NAMING = 0.1  # probability from which another anomaly is named beside the one diagnosed
+WORTH_NAMING = 0.1  # probability from which another anomaly is named in addition to the one diagnosed
 _NEVER_RESTED = (  # the words are those of the reference recordings
     "A switching system never rested in this window, so base dry friction and its own were told apart by learned"
     " ranges and earlier windows only."
@@ -111,7 +111,7 @@ def viscous_spread(wheel: Wheel) -> str:
 
 
 def _alternatives(findings: Findings) -> str:
-    """Return a sentence that names what it could be instead, "" where nothing else is likely."""
+    """Return a sentence on the anomalies that it could be instead, "" where none is likely."""
     alternatives = [one for one in findings.anomalies if not one.active and one.probability > WORTH_NAMING]
     if not alternatives:
         return ""
@@ -129,21 +129,21 @@ def _severity(anomaly: AnomalyDiagnosis) -> str:
     )
 
 
-MIN_COVERAGE: Final = 0.5  # share of the slots that must be used; below, the window shows little of what it missed
-MIN_SHARE: Final = 0.1  # of a whole window's samples: with fewer, at the end of a file, it is called nominal by no rule
+MIN_COVERAGE: Final = 0.5  # share of the slots that must be used; below, the window does not represent its time
+MIN_SHARE: Final = 0.1  # of a whole window's samples: with fewer, at the end of a file, it is never called nominal
 BELOW_NOMINAL: Final = ": below nominal, so check units, sign or the wheel file"
 
 
 def verdict_of(findings: Findings) -> tuple[Verdict, str]:
-    """Return the verdict and its reason. A found anomaly stands; what keeps a window from being nominal comes after."""
+    """Return the verdict and its reason. Certain anomalies come first, then what rules out a nominal verdict."""
     inputs, adequate, lacking = findings.inputs, findings.fits.adequate, findings.lacking
     nothing = nothing_to_judge(inputs)
     if nothing or inputs.model is None:
         return "inconclusive", nothing
     low, high = inputs.model.undecided
-    # Where the friction model lacks something, only what the window shows for sure counts as found: what is missing
-    # leaves base dry friction uncertain by its own size, and half of that lies above any nominal range.
-    # And a system that made no jump is not distinguished from the base, or shows nothing at all.
+    # Where the friction model lacks something, only informative estimates make an anomaly certain: the missing effect
+    # makes base dry friction uncertain by its own size, and half of that distribution lies above any nominal range.
+    # And a system that made no jump is not separable from the base, or, at rest, gives no information.
     unsure = [one.unmoved or not (one.informative or adequate) for one in findings.anomalies]
     certain = [
         one
@@ -188,7 +188,7 @@ def reason_anomalous(active: Sequence[AnomalyDiagnosis]) -> str:
 
 
 def without_anomaly(findings: Findings) -> tuple[Verdict, str]:
-    """Return verdict and reason of a window in which no anomaly is found: nominal, where it shows enough for that."""
+    """Return verdict and reason of a window in which no anomaly is found: nominal, if it is informative enough."""
     anomalies, lacking = findings.anomalies, findings.lacking
     silent = [one.name for one in anomalies if one.known and not one.informative]
     why = f"{lacking}{findings.because_of_temperature(silent)}"
@@ -234,7 +234,7 @@ def nothing_to_judge(inputs: DiagnosisInput) -> str:
 
 
 def remedy_of(findings: Findings) -> str:
-    """Return what helps an inconclusive window where waiting for the next one does not; "" where it does."""
+    """Return the remedy for an inconclusive window where waiting for the next one does not help; "" where it does."""
     inputs, anomalies = findings.inputs, findings.anomalies
     if inputs.wheel.nominal is None:
         return (
@@ -280,7 +280,7 @@ def _assessed(one: AnomalyDiagnosis) -> str:
 
 
 def _leaning(anomalies: Sequence[AnomalyDiagnosis]) -> str:
-    """Return the end of a reason, on what earlier windows show and this one does not; "" for nothing."""
+    """Return the end of a reason, on the anomalies judged by earlier windows; "" for none."""
     names = [one.name for one in anomalies if one.leans]
     return f"; this window alone does not show {listed(names)}, earlier windows do" if names else ""
 
@@ -289,16 +289,16 @@ def _leaning(anomalies: Sequence[AnomalyDiagnosis]) -> str:
 
 
 def _rested(one: AnomalyDiagnosis) -> bool:
-    """Return whether it is that of a system that rested throughout: no friction, healthy or not."""
+    """Return whether the entry is that of a system that rested throughout: no friction, healthy or not."""
     return one.nominal_low == one.nominal_high == 0.0
 
 
 def _exchanged(findings: Findings) -> AnomalyDiagnosis | None:
-    """Return that of base dry and viscous friction whose excess the other lacks, or None.
+    """Return the one of base dry and viscous friction whose excess is the other's deficit, or None.
 
-    The sum at the window's mean speed is then nominal. No healthy or failing wheel has much less than nominal friction.
-    Where the speed hardly moves, noise of its measurement flattens the slope (errors in variables: Fuller 1987,
-    section 1.1), and the base takes up the rest.
+    Their sum at the window's mean speed is then nominal. No healthy or failing wheel has much less than nominal
+    friction. Where the speed hardly varies, its measurement noise flattens the slope (errors in variables: Fuller 1987,
+    section 1.1), and the base absorbs the rest.
     """
     inputs, (dry, viscous) = findings.inputs, findings.anomalies[:2]
     speed_rad_s = inputs.evidence.sums.mean[0] * inputs.wheel.speed_unit_rad_s
@@ -308,7 +308,7 @@ def _exchanged(findings: Findings) -> AnomalyDiagnosis | None:
         if high.estimate is None or lacking.estimate is None or None in bounds or not high.active:
             continue
         top, low_end, high_end = (float(bound or 0.0) for bound in bounds)
-        # By a whole width of the range: healthy wheels have that nowhere.
+        # Below the range by its whole width: no healthy wheel has that.
         lacks = lacking.estimate < low_end - (high_end - low_end)
         if lacks and high.estimate - (0.5 * (low_end + high_end) - lacking.estimate) * lever <= top:
             found = high
@@ -322,8 +322,8 @@ def _below(one: AnomalyDiagnosis) -> bool:
 def _outside(one: AnomalyDiagnosis, *, adequate: bool) -> bool:
     """Return whether an estimate contradicts that its friction is nominal.
 
-    It does outside the nominal range by more than its standard deviation. Where the friction model does not fit, the
-    deviation holds what is missing, and the range must hold all of it.
+    It does if outside the nominal range by more than its standard deviation. Where the friction model does not fit, the
+    standard deviation includes the missing effect, and the range must hold all of estimate ± std.
     """
     if one.estimate is None or one.nominal_low is None or one.nominal_high is None:
         return False

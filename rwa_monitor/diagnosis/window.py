@@ -2,8 +2,8 @@
 
 evidence → assignment (with estimation inside) → components → features → classification → words
 
-Everything inside is normalised; what leaves is in SI units. A diagnosis is a function of the evidence, the wheel, the
-model and the carried state, of nothing else.
+Inside, all values are normalised; the diagnosis is in SI units. It is a function of the evidence, the wheel, the model
+and the carried state, of nothing else.
 """
 
 import math
@@ -43,16 +43,16 @@ MIN_USED: Final = 16  # samples below which nothing is estimated at all
 
 
 class TemperatureUncertainty(NamedTuple):
-    """How uncertain viscous friction is for the temperature's sake.
+    """Uncertainty of viscous friction due to the temperature.
 
     Attributes
     ----------
     share
-        Standard deviation, of the viscous friction itself.
+        Standard deviation, as a share of the viscous friction.
     level
-        By how much that may move the levels, normalised.
+        Standard deviation that this causes in the levels, normalised.
     reason
-        Why, as the end of a sentence; "" where it is not worth saying.
+        Why, as the end of a sentence; "" where it is too small to report.
     """
 
     share: float = 0.0
@@ -60,7 +60,7 @@ class TemperatureUncertainty(NamedTuple):
     reason: str = ""
 
     def widen(self, features: Features) -> Features:
-        """Return the features with viscous friction, and the levels, as uncertain."""
+        """Return the features with the standard deviations of viscous friction, and of the levels, widened."""
         if self.share == 0.0:
             return features
         viscous = self.share * max(abs(features.viscous), 1.0)
@@ -76,10 +76,10 @@ KNOWN: Final = TemperatureUncertainty()
 
 
 class Stages(NamedTuple):
-    """Results of stages 2 and 3, whether the friction model fits, and what the temperature leaves open.
+    """Results of stages 2 and 3, whether the friction model fits, and the uncertainty due to the temperature.
 
-    `measured` are the features as this window alone measures them; in `features`, viscous friction also holds what
-    earlier windows show of it.
+    `measured` are the features as this window alone measures them; in `features`, the estimate of viscous friction also
+    includes earlier windows.
     """
 
     assignment: Assignment
@@ -103,18 +103,18 @@ def diagnose_window(
     wheel
         The wheel.
     model
-        What was learned; None gives the friction and its parts, with an inconclusive verdict. What the model does not
-        hold of this wheel is taken from the wheel file where it is stated (friction of the configurations).
+        The learned model; None gives the friction and its parts, with an inconclusive verdict. Where the model does not
+        cover a system of this wheel, the friction stated in the wheel file is used.
     carried
-        What earlier windows showed; `CarriedState.empty()` for the first.
+        The state after earlier windows; `CarriedState.empty()` for the first.
     start_ns
         Time of the window's first slot.
 
     Returns
     -------
     tuple[Diagnosis, Features, CarriedState]
-        The diagnosis, what the classifiers saw, and the state for the next window. A window with too few samples to
-        estimate anything leaves the state as it was.
+        The diagnosis, the features, and the state for the next window. A window with too few samples to estimate
+        anything leaves the state as it was.
     """
     inputs = DiagnosisInput(evidence, wheel, model, carried, start_ns=start_ns)
     if evidence.used < MIN_USED:
@@ -122,7 +122,7 @@ def diagnose_window(
     stages = _run_stages(inputs)
     judgement = _judge(inputs, stages)
     if not all(map(np.array_equal, judgement.configurations, stages.assignment.configurations)):
-        # What was learned makes another interpretation of the same jumps likelier than the wheel's broad laws do.
+        # By the learned model, other configurations for the same jumps are likelier than by the wheel's broad laws.
         relabelled = replace(stages.assignment, configurations=judgement.configurations)
         stages = _run_stages(inputs, (relabelled, stages.estimate))
         judgement = _judge(inputs, stages)
@@ -161,38 +161,38 @@ def _run_stages(inputs: DiagnosisInput, given: tuple[Assignment, Estimate] | Non
     return Stages(assignment, estimate, components, features, measured, fits, of_temperature)
 
 
-# ---- what the bearing's temperature leaves open of viscous friction, and of what is measured beside it ---------------
-# Where the wheel file holds the law, viscous friction is judged at the temperature that was measured. Where that is not
-# known, or is one at which the law was not learned, it may be anything that the law makes of the temperatures it can
-# be. Where the friction model then does not fit, viscous friction comes and goes within the window, too, and what it
-# does at the window's speed is in the levels.
+# ---- uncertainty of viscous friction, and of the levels, due to the bearing's temperature ----------------------------
+# Where the wheel file holds the temperature law, viscous friction is judged at the measured temperature. Where that is
+# unknown, or outside the range over which the law was learned, viscous friction is as uncertain as the law makes it
+# over the possible temperatures. If the friction model then does not fit, viscous friction may also vary within the
+# window, and its change at the window's speed enters the levels.
 
 
-# Of what is not known of a wheel's heat, what may come and go within a window. A working assumption: of an orbit's ±3 K
-# and a year's ±15 K it is a fifth, of an orbit's alone it is all.
+# Share of a wheel's unknown temperature variation that may occur within a window. A working assumption: of an orbit's
+# ±3 K and a year's ±15 K it is a fifth, of an orbit's alone it is all.
 WITHIN_WINDOW: Final = 0.5
-ANYTHING: Final = 10.0  # times viscous friction: no window shows anything of it then
-WORTH_SAYING: Final = 0.01  # of viscous friction: half of what healthy wheels spread by
+ANYTHING: Final = 10.0  # times viscous friction: so uncertain, no window is informative on it
+WORTH_SAYING: Final = 0.01  # of viscous friction: half of the spread of healthy wheels; less is not reported
 
 
 def temperature_uncertainty(
     evidence: Evidence, components: Components, wheel: Wheel, *, adequate: bool
 ) -> TemperatureUncertainty:
-    """Return how uncertain viscous friction is for the temperature's sake.
+    """Return the uncertainty of viscous friction due to the temperature.
 
     Parameters
     ----------
     evidence, components
         The window, and its friction.
     wheel
-        Its law and the range of temperature that it holds over, or by how much its viscous friction varies.
+        Its temperature law and the range over which that holds, or the spread of its viscous friction.
     adequate
         Whether the friction model fits.
     """
     heat, known = evidence.heat, wheel.temperature
     share, reason = 0.0, ""
     if heat is None:
-        # What lies beyond the spread is what is judged (`model.spread_out`), unless the heat shows within the window.
+        # The nominal band includes the spread (`model.spread_out`), unless temperature may vary within the window.
         share = (wheel.nominal.viscous_spread or 0.0) if wheel.nominal and not adequate else 0.0
         reason = "its viscous friction varies with a temperature that is not recorded"
     elif heat.unknown < 0.5 and known and not known.low_degC <= heat.mean_degC <= known.high_degC:
@@ -205,7 +205,7 @@ def temperature_uncertainty(
         error_K = heat.error_K
         reason = f"the bearing's temperature is missing, or stuck, for {100.0 * heat.unknown:.0f} % of the window"
         if not adequate and heat.low_degC == heat.high_degC and not heat.unknown:
-            error_K = math.hypot(error_K, SEASON_K)  # what a sensor that never moves may miss
+            error_K = math.hypot(error_K, SEASON_K)  # what a sensor with a constant reading may miss
             reason = f"the bearing's temperature stands still at {heat.mean_degC:.3g} °C while friction does not"
         share = abs(viscous_per_K(wheel, heat.mean_degC)) * error_K
     if share == 0.0:
@@ -216,7 +216,7 @@ def temperature_uncertainty(
     return TemperatureUncertainty(share, level, reason if share > WORTH_SAYING else "")
 
 
-# ---- the judgement, and what is made of it ---------------------------------------------------------------------------
+# ---- the judgement, and what follows from it -------------------------------------------------------------------------
 
 
 def _judge(inputs: DiagnosisInput, stages: Stages) -> Judgement:
@@ -224,22 +224,22 @@ def _judge(inputs: DiagnosisInput, stages: Stages) -> Judgement:
     if inputs.model is None:
         return unjudged(features, names)
     if not covered(inputs):
-        # What is carried stays as it is, too: the few samples there are may be of another pace, or of another wheel.
+        # The carried probabilities stay too: the few samples may have another sampling rate, or be of another wheel.
         return unjudged(features, names)._replace(to_carry=dict(inputs.carried.probability))
     window = inputs.wheel.window
     new_share = min(1.0, window.hop_slots / window.samples) if inputs.carried.windows else 1.0
     if not stages.fits.adequate:
-        new_share = 0.0  # what is missing shows alike in every window: it must not add up to certainty
+        new_share = 0.0  # a missing effect repeats in every window: it must not accumulate to certainty
     judgement = classify(stages.measured, inputs.models, names, inputs.model, inputs.carried, new_share)
     seen = judgement.features._replace(viscous=features.viscous, viscous_std=features.viscous_std)
     return judgement._replace(features=seen)
 
 
 def _tracked(inputs: DiagnosisInput, stages: Stages, judgement: Judgement) -> tuple[Tracked | None, Tracked | None]:
-    """Return what is known of base dry and viscous friction after the window, normalised.
+    """Return the tracked base dry and viscous friction after the window, normalised.
 
-    A window that the friction model does not fit moves nothing: what is missing in it is in its estimates too. Nor does
-    one of which most is missing.
+    A window that the friction model does not fit updates neither: the missing effect biases its estimates. Nor does one
+    with less than half of its samples. Then only the uncertainty grows.
     """
     base, viscous = inputs.carried.base_dry, inputs.carried.viscous
     if not (stages.fits.adequate and covered(inputs)):
@@ -266,7 +266,7 @@ def concluded(
     Parameters
     ----------
     inputs, stages, judgement
-        What it is a function of, the results of its stages, and the judgement on its features.
+        The inputs, the results of the stages, and the judgement on the features.
     rule
         Gives the verdict and its reason.
     """
