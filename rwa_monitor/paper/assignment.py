@@ -1,9 +1,9 @@
 """Section IV-C, maximum likelihood assignment, as the paper prints it (errata 7 to 11), and Algorithm 1.
 
-Dynamic programming over (configuration, time since the last jump) of all systems, with hard duration supports, an
-optimistic beginning (the time before the window is chosen as it suits the first jump best), and an end of the window
-that is not scored. A changepoint is rejected at the cost of merging its two intervals. Friction values by Algorithm 1,
-which assumes that every system rests at least once in the window.
+Dynamic programming over (configuration, time since the last jump) of all systems, with hard duration supports, and an
+optimistic beginning (the time before the window is chosen to maximise the probability of the first jump). A changepoint
+is rejected at the cost of merging its two intervals. Friction values by Algorithm 1, which assumes that every system
+rests at least once in the window. The time from the last changepoint to the window's end is not scored.
 """
 
 from functools import lru_cache
@@ -28,7 +28,7 @@ from rwa_monitor.wheel.durations import DurationLaw
 from rwa_monitor.wheel.wheel import SwitchingSystem, Wheel
 
 OPTIMISTIC_GRID: Final = 257  # times before the window that are tried for the first sojourn
-LOG_IMPOSSIBLE: Final = -50.0  # of a duration outside its hard support, where there is no other way
+LOG_IMPOSSIBLE: Final = -50.0  # of a duration outside its hard support, where no other path exists
 NOT_YET: Final = -1  # in place of a candidate: the system has not jumped in the window
 
 
@@ -50,7 +50,7 @@ class _Tables(NamedTuple):
     turn: FloatArray
 
 
-# A state: configuration of each system, and the candidate of its last jump. It stands for the paper's (q, τ).
+# A state: configuration of each system, and the candidate of its last jump. It represents the paper's (q, τ).
 _State = tuple[tuple[int, ...], tuple[int, ...]]
 _Choices = tuple[int, ...]
 _Best = dict[_State, tuple[float, _Choices, tuple[int, ...]]]  # by state its score, the choices, and the start
@@ -76,15 +76,15 @@ def assign(
     wheel
         Its wheel.
     hard
-        Whether to keep to the hard duration laws as printed, also where no sequence of jumps is possible under them.
+        Whether to use the hard duration laws as printed even where no sequence of jumps is possible under them.
     w
         Half-width by which the changepoints were found [samples].
 
     Returns
     -------
     tuple[Assignment, Estimate]
-        Where no sequence of jumps is possible under the hard duration laws, impossible durations are allowed at a
-        price, unless `hard`; where none is possible even so, all changepoints are unattributed. The levels are those
+        Where no sequence of jumps is possible under the hard duration laws, impossible durations are allowed with a
+        penalty, unless `hard`; where none is possible even so, all changepoints are unattributed. The levels are those
         between the changepoints that were not rejected.
     """
     levels, rejection = estimate(signal, index, noise, w)
@@ -93,7 +93,7 @@ def assign(
     tables = [_tables(system, index) for system in wheel.fss]
     choices, start, score, states, pruned = _programme(tables, directions, rejection)
     if choices is None and not hard:
-        # A jump that was missed makes every sequence impossible under hard laws; then the impossible gets a price.
+        # A missed jump makes every sequence impossible under hard laws; then impossible durations get a penalty.
         tables = [_softened(table) for table in tables]
         choices, start, score, more, pruned = _programme(tables, directions, rejection)
         states += more
@@ -120,14 +120,14 @@ def assign(
 
 
 def _softened(tables: _Tables) -> _Tables:
-    """Return a system's tables with impossible durations at a price; impossible transitions stay impossible."""
+    """Return a system's tables with a penalty for impossible durations; impossible transitions stay impossible."""
     return _Tables(np.maximum(tables.ends, LOG_IMPOSSIBLE), np.maximum(tables.lasts, LOG_IMPOSSIBLE), tables.turn)
 
 
 def _programme(
     tables: list[_Tables], directions: IntArray, rejection: FloatArray
 ) -> tuple[_Choices | None, tuple[int, ...], float, int, bool]:
-    """Run the dynamic programme; return the choice per candidate, the start, the score, states expanded, cut or not."""
+    """Run the programme; return the choices, initial configurations, score, states expanded, and whether pruned."""
     best: _Best = {(q, (NOT_YET,) * len(tables)): (0.0, (), q) for q in product(*(range(len(t.turn)) for t in tables))}
     expanded, pruned = 0, False
     for k, direction in enumerate(directions):
@@ -193,7 +193,7 @@ def _optimistic(law: DurationLaw, elapsed: IntArray) -> tuple[FloatArray, FloatA
     before = _grid(law)
     total = before[:, None] + elapsed[None, :].astype(np.float64)
     alive = law.survival(before)[:, None]
-    # The latest possible jump is often the best beginning: then τ₀ = longest - e, different for every e.
+    # The most probable τ₀ often makes the jump the latest possible one: τ₀ = longest - e, different for every e.
     longest = np.full(elapsed.size, np.floor(law.longest()))
     latest = np.maximum(longest - elapsed, 0.0)
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -241,7 +241,7 @@ def split(assignment: Assignment, levels: Estimate, wheel: Wheel) -> Components:
         base += float(values[lowest])
         base_variance += float(variance[:lowest].sum())
         friction.append(values - values[lowest])
-        # Each value is known as well as the jumps between it and the lowest: at one speed, that may be not at all.
+        # A value's variance is the sum of those of the jumps between it and the lowest: infinite at constant speed.
         before, after = np.cumsum(variance[:lowest][::-1])[::-1], np.cumsum(variance[lowest:])
         friction_std.append(np.sqrt(np.concatenate([before, [0.0], after])))
     return Components(

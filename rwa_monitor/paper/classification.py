@@ -67,7 +67,7 @@ def classify(features: Features, models: Sequence[AnomalyModel | None], names: S
     features
         Of the window.
     models
-        What was learned about each anomaly, None where nothing was.
+        The model of each anomaly, None where there is none.
     names
         The anomalies' names, in the wheel's order.
     """
@@ -94,7 +94,7 @@ def with_classifiers(model: Model, windows: Sequence[LabelledFeatures]) -> Model
     Parameters
     ----------
     model
-        What was learned otherwise; names the anomalies.
+        The model without these; names the anomalies.
     windows
         Features by this method, and labels, of the training windows.
     """
@@ -147,14 +147,14 @@ def train_svm(values: Sequence[FloatArray], anomalous: BoolArray, bins: int) -> 
 def _calibrate(decision: FloatArray, anomalous: BoolArray) -> tuple[float, float]:
     """Return slope and offset of Platt's calibration (1999), with his smoothed targets.
 
-    A window counts as positive by its target, and as negative by the rest. The small weight on the slope matters only
-    where all decisions are alike, which no slope can distinguish.
+    Each window enters as positive with its target as weight, and as negative with the rest. The small penalty on the
+    slope matters only where all decisions are equal and the slope is not identifiable.
     """
     from sklearn.linear_model import LogisticRegression
 
     positive, negative = int(anomalous.sum()), int((~anomalous).sum())
     target = np.where(anomalous, (positive + 1.0) / (positive + 2.0), 1.0 / (negative + 2.0))
-    # A convex problem, solved beyond the 12 digits that a model keeps.
+    # A convex problem, solved to more than the 12 digits that a model keeps.
     machine = LogisticRegression(C=1.0 / CALIBRATION_WEIGHT, solver="newton-cholesky", tol=1e-14)
     twice = np.concatenate([decision, decision])[:, None]
     machine.fit(twice, np.repeat([True, False], decision.size), np.concatenate([target, 1.0 - target]))

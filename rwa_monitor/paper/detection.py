@@ -1,7 +1,7 @@
 """Section IV-A, changepoint detection: the windowed GLR at one half-width w, and the maximum of each run above it.
 
-Mended (errata 1 to 3, 17): friction is counted along the motion, the wGLR is the difference of squared errors with
-halves [k - w, k) and [k, k + w), and the threshold uses the variance of this contrast, of noise that may be coloured.
+Corrected (errata 1 to 3, 17): friction is counted along the motion, the wGLR is the difference of squared errors with
+halves [k - w, k) and [k, k + w), and the threshold uses the variance of this contrast, for autocorrelated noise too.
 As printed (errata 4, 5): one w, and one changepoint for each contiguous run above the threshold.
 """
 
@@ -35,7 +35,7 @@ class Signal(NamedTuple):
     z
         Friction along the motion, so that z = f_d + f_v x + v in both directions of rotation (errata 1).
     used
-        bool (n,), samples that are there and outside the dead band (errata 2).
+        bool (n,), good samples outside the dead band (errata 2).
     """
 
     x: FloatArray
@@ -71,8 +71,8 @@ def detect(
 def contrast_variance(statistic: FloatArray, noise: NoiseEstimate, w: int) -> float:
     """Return v, where the wGLR is v·χ² with one degree of freedom: σ_v² for white noise (errata 17).
 
-    Measured on the lower part of the statistics, so that jumps do not count, and the less so the fewer there are; white
-    noise of the window's σ_v otherwise.
+    Estimated from the lower part of the statistics, so that jumps do not count, and drawn to the window's σ_v², the
+    value for white noise, the more so the fewer statistics there are.
     """
     known = statistic[np.isfinite(statistic)]
     white = max(noise.std, SMALLEST_STD) ** 2

@@ -1,7 +1,8 @@
 """Section IV-B, friction estimation: Y = H [F f_v]ᵀ + v by least squares, and the cost of rejecting a changepoint.
 
-HᵀH is an arrow: the number of samples n_i of each interval on its diagonal, Σω_k of each interval beside it, Σω_k² in
-the corner. So f_v follows from the sums about the intervals' means, and F_i from f_v (errata 6).
+HᵀH is an arrow matrix: the number of samples n_i of each interval on its diagonal, Σω_k of each interval in the last
+row and column, Σω_k² in the corner. So f_v follows from the sums about the intervals' means, and F_i from f_v
+(errata 6).
 """
 
 import math
@@ -14,7 +15,7 @@ from rwa_monitor.changepoints.stage_results import Estimate, NoiseEstimate
 from rwa_monitor.paper.detection import SCALE, Signal
 from rwa_monitor.samples import BoolArray, FloatArray, IntArray
 
-LEAST_SPREAD: Final = 1e-11  # of Σω²: a smaller Σ(ω - ω̄)² is rounding, and shows no f_v
+LEAST_SPREAD: Final = 1e-11  # of Σω²: a smaller Σ(ω - ω̄)² is rounding, and f_v is not identifiable
 
 
 def estimate(signal: Signal, index: IntArray, noise: NoiseEstimate, w: int = SCALE) -> tuple[Estimate, FloatArray]:
@@ -33,9 +34,9 @@ def estimate(signal: Signal, index: IntArray, noise: NoiseEstimate, w: int = SCA
     -------
     friction
         F̂ and f̂_v with their standard deviations. An interval without a used sample has the level of the one before
-        it. Where the window does not show f_v, it is 0 with infinite standard deviation.
+        it. Where f_v is not identifiable, it is 0 with infinite standard deviation.
     rejection
-        float64 (N_cp,), c_rjct: what it costs in log-likelihood to merge the intervals beside a changepoint.
+        float64 (N_cp,), c_rjct: change of the log-likelihood when the intervals on both sides of a changepoint merge.
     """
     interval = np.searchsorted(index, np.arange(signal.x.size), side="right")
     used = kept(signal.used, interval, index, w // 2)
@@ -53,7 +54,7 @@ def estimate(signal: Signal, index: IntArray, noise: NoiseEstimate, w: int = SCA
     level_std = np.sqrt(mean_variance + _times(x_mean, slope_std) ** 2)
     jump_std = np.sqrt(mean_variance[:-1] + mean_variance[1:] + _times(np.diff(x_mean), slope_std) ** 2)
     rmse = math.sqrt(np.mean((z_apart - slope * x_apart) ** 2)) if x.size else 0.0
-    # The level of an interval without samples: that of the last one before it that has some, or of the first.
+    # An interval without samples takes the level of the last one with samples before it, or of the first one.
     shown = np.maximum.accumulate(np.where(seen, np.arange(n.size), np.argmax(seen)))
     both = seen[:-1] & seen[1:]
     friction = Estimate(
@@ -69,14 +70,14 @@ def estimate(signal: Signal, index: IntArray, noise: NoiseEstimate, w: int = SCA
 
 
 def kept(used: BoolArray, interval: IntArray, index: IntArray, error: int) -> BoolArray:
-    """Return the used samples outside Δk_error around each changepoint; of an interval that has no other, all of them.
+    """Return the used samples outside Δk_error around each changepoint; in an interval without any, all used ones.
 
-    At each end of an interval no more than a quarter of it is left out.
+    At each end of an interval no more than a quarter of it is excluded.
 
     Parameters
     ----------
     used, interval
-        bool (n,) and int64 (n,), of each sample whether it is used and in which interval it lies.
+        bool (n,) and int64 (n,), for each sample whether it is used and in which interval it lies.
     index
         int64 (N_cp,), changepoints.
     error
@@ -96,7 +97,7 @@ def rejection(n: IntArray, level: FloatArray, noise: NoiseEstimate, both: BoolAr
     """Return c_rjct of each changepoint: the change of -SSE/2σ² when its intervals merge, and log P(false positive).
 
     The sum of squared errors grows by n_i n_{i+1} / (n_i + n_{i+1}) · (F_i - F_{i+1})²; with n_i = (HᵀH)_ii (errata 7:
-    sign and logarithm mended). 0 but for the probability where not `both` intervals hold samples.
+    sign and logarithm corrected). The logarithm alone where not `both` intervals hold samples.
     """
     left, right = n[:-1], n[1:]
     variance = noise.std**2 * mean_variance_factor(noise, np.minimum(left, right))
@@ -106,5 +107,5 @@ def rejection(n: IntArray, level: FloatArray, noise: NoiseEstimate, both: BoolAr
 
 
 def _times(speed: FloatArray, slope_std: float) -> FloatArray:
-    """Return |speed| · slope_std; at zero speed 0, however unknown the slope."""
+    """Return |speed| · slope_std; 0 at zero speed, even if slope_std is infinite."""
     return np.abs(speed) * np.where(speed != 0.0, slope_std, 0.0)

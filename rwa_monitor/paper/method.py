@@ -1,7 +1,7 @@
-"""The paper's method on a window: detection, estimation, assignment, classification, and what it diagnoses.
+"""The paper's method on a window: detection, estimation, assignment, classification, diagnosis.
 
-The paper ends at θ̂, the anomalies of a window. What a diagnosis holds beside it (whether the friction model fits,
-explanations) is that of the default method. What earlier windows show is not used, and passes through unchanged.
+The paper ends at θ̂, the anomalies of a window. The rest of a diagnosis (whether the friction model fits, explanations)
+is that of the default method. The carried state of earlier windows is not used, and passes through unchanged.
 """
 
 from rwa_monitor.changepoints.stage_results import Assignment, Components, Estimate, Evidence
