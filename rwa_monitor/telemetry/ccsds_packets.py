@@ -1,10 +1,10 @@
 """CCSDS space packets (133.0-B-2) as samples, by an XTCE definition, from a file or one by one.
 
-A packet is six bytes of header, which count its length, and a content that an XTCE definition (CCSDS 660.1-G)
+A packet is six bytes of header, which state its length, and a content that an XTCE definition (CCSDS 660.1-G)
 describes: parameters, their bits, calibrators and units. A telemetry map assigns them to channels of wheels.
 
 A packet that cannot be valid is counted and left out: another version, another length than its header states, a
-content that the definition does not describe. Nothing in a packet shows a flipped bit; the frames below it do.
+content that the definition does not describe. Bit errors are not detected here, but in the frames that carry packets.
 """
 
 from __future__ import annotations
@@ -39,28 +39,28 @@ SEQUENCE_MODULUS: Final = 2**14
 
 @dataclass(slots=True)
 class PacketCounts:
-    """What became of packets: packets = decoded + bad + unknown + idle + other.
+    """Counts of packets by outcome: packets = decoded + bad + unknown + idle + other.
 
     Attributes
     ----------
     packets
-        All that came.
+        All packets taken.
     decoded
-        Gave a sample to one wheel or more.
+        Packets with a sample of one wheel or more.
     bad
-        Cannot be valid, or cannot be read by the definition.
+        Packets that cannot be valid, or cannot be read by the definition.
     unknown
-        Of an application process (APID) that the map does not name, or telecommands.
+        Packets of an application process (APID) that the map does not name, or telecommands.
     idle
-        Fill, APID 2047.
+        Fill packets, APID 2047.
     other
-        Of a known APID, but of another kind: without the parameters that the map names.
+        Packets of a known APID, but of another kind: without the parameters that the map names.
     gaps, missing
-        Where the sequence count does not go on by one, and how many packets lie in between where it goes forward.
+        Where the sequence count does not increase by one, and how many packets are missing where it goes forward.
     unknown_apids
-        Their numbers.
+        APIDs of the unknown packets.
     first_bad
-        What was wrong with the first bad one.
+        Reason for the first bad packet.
     """
 
     packets: int = 0
@@ -76,7 +76,7 @@ class PacketCounts:
 
 
 class PacketDecoder:
-    """Turns packets into samples, one by one, and counts what it cannot use.
+    """Turns packets into samples, one by one, and counts those that it cannot use.
 
     Parameters
     ----------
@@ -90,7 +90,7 @@ class PacketDecoder:
     wheels
         Those of the map, in its order, with their samples.
     counts
-        What became of the packets so far.
+        Counts of the packets so far.
 
     Raises
     ------
@@ -116,7 +116,7 @@ class PacketDecoder:
             self._by_apid[wheel.apid].append(wheel)
 
     def take(self, packet: bytes) -> list[WheelPackets]:
-        """Take one packet; returns the wheels that have a sample of it, none where it is counted as something else."""
+        """Take one packet; return the wheels that have a sample in it, none where it is counted otherwise."""
         counts = self.counts
         counts.packets += 1
         reason = _no_packet(packet)
@@ -140,7 +140,7 @@ class PacketDecoder:
                 warnings.simplefilter("error", UserWarning)  # a length other than the definition's is no packet of it
                 parameters: Mapping[str, Any] = self._definition.parse_bytes(packet)
             found = [(wheel, row) for wheel in self._by_apid[apid] if (row := wheel.row(parameters)) is not None]
-        # The parser checks little itself: it raises whatever comes of bytes that are not as in the definition.
+        # The parser checks little itself: bytes that do not match the definition may raise any exception.
         except Exception as error:  # noqa: BLE001
             return self._bad(f"APID {apid}: {first_line(error)}")
         if found:
@@ -166,7 +166,7 @@ class PacketDecoder:
         step = (count - last) % SEQUENCE_MODULUS
         if step != 1:
             self.counts.gaps += 1
-            # Half the circle: further is a packet that comes late, again, or from a counter that began anew.
+            # Up to half the modulus; beyond, the packet is late or repeated, or the counter was reset.
             self.counts.missing += step - 1 if 1 < step <= SEQUENCE_MODULUS // 2 else 0
 
 
@@ -174,7 +174,7 @@ class PacketDecoder:
 
 
 def _no_packet(packet: bytes) -> str | None:
-    """Return why bytes are no space packet; None where they are one."""
+    """Return why bytes are not a space packet; None where they are one."""
     if len(packet) <= HEADER.size:
         return f"{len(packet)} bytes; a packet has seven or more"
     if packet[0] >> 5:
@@ -197,7 +197,7 @@ _FLAGS: Final = ("BooleanParameterType", "IntegerParameterType")
 
 
 class WheelPackets:
-    """A wheel of a map: where its values stand in a packet, in which units, and the samples that came so far.
+    """A wheel of a map: its parameters in a packet, their units, and the samples since the last `samples`.
 
     Parameters
     ----------
@@ -219,7 +219,7 @@ class WheelPackets:
         where = f"{wheel.spacecraft}/{wheel.wheel}"
 
         def unit_of(name: str, place: str, allowed: tuple[str, ...] = _NUMBERS) -> str | None:
-            """Return the unit that the definition gives; none where it is in parts, whose powers the parser loses."""
+            """Return the unit in the definition; None where it is a product of units, whose powers the parser loses."""
             if name not in definition.parameters:
                 raise InputError(source, f"there is no parameter {name} in {xtce}", place)
             kind = definition.parameters[name].parameter_type
@@ -252,12 +252,12 @@ class WheelPackets:
         return len(self._times)
 
     def row(self, parameters: Mapping[str, Any]) -> tuple[int, list[float]] | None:
-        """Return time and values in a packet; None where it has other parameters.
+        """Return time and values in a packet; None where a parameter of the map is missing.
 
         Raises
         ------
         ValueError
-            If one is no number, or the bus takes no such time.
+            If a value is not a number, or the time is outside the range of the bus.
         """
         if not self._wanted <= parameters.keys():
             return None
@@ -286,7 +286,7 @@ class WheelPackets:
 
 
 def read_packets(path: Path, decoding: Decoding) -> TelemetryFile:
-    """Read a file of space packets, one after the other, as a ground station or an EGSE keeps them.
+    """Read a file of space packets, one after the other, as a ground station or an EGSE stores them.
 
     Raises
     ------
@@ -319,7 +319,7 @@ def read_packets(path: Path, decoding: Decoding) -> TelemetryFile:
 
 
 def split_packets(data: bytes) -> Iterator[bytes]:
-    """Yield packet after packet, as their headers count; ends where none can begin or the last is cut."""
+    """Yield packet after packet by the lengths in their headers; stop where none can begin or the last is truncated."""
     position = 0
     while len(data) - position > HEADER.size and not data[position] >> 5:
         length = _stated_bytes(data, position)
@@ -330,7 +330,7 @@ def split_packets(data: bytes) -> Iterator[bytes]:
 
 
 def packet_notes(counts: PacketCounts) -> list[str]:
-    """Report what was left out of packets, and what is missing between them, a sentence each."""
+    """Report which packets were left out, and how many are missing, a sentence each."""
     notes: list[str] = []
     if counts.unknown:
         apids = first_few([str(apid) for apid in sorted(counts.unknown_apids)])
@@ -343,10 +343,10 @@ def packet_notes(counts: PacketCounts) -> list[str]:
     return notes
 
 
-# ---- XTCE definitions, read by `space_packet_parser`; what would take it without end is refused first ----------------
+# ---- XTCE definitions, read by `space_packet_parser`; what could make it run without end is refused first ------------
 
 
-MAX_ENTRIES: Final = 10_000  # of a packet, with all containers in containers
+MAX_ENTRIES: Final = 10_000  # of a packet, with all nested containers
 MAX_EXPONENT: Final = 16  # of a polynomial calibrator
 
 
@@ -357,8 +357,8 @@ def definition_of(file: TextFile) -> Any:
     Raises
     ------
     InputError
-        If it is none, is not plain (a document type could name other files and grow without end), or could make the
-        parser work without end.
+        If it is none, has a document type (which could name other files and grow without end), or could make the
+        parser run without end.
     """
     with needs_extra("ccsds"):
         from lxml import etree
@@ -379,7 +379,7 @@ def definition_of(file: TextFile) -> Any:
 
 
 def _check_containers(root: Any) -> None:
-    """Raise ValueError where containers hold each other or too much: thirty that hold the next twice are a billion."""
+    """Raise ValueError where containers hold themselves or too much: 30 that hold the next twice make 10⁹ entries."""
     entries = {
         container.get("name"): [entry.get("containerRef") for entry in container.iterfind("{*}EntryList/*")]
         for container in root.iterfind("{*}TelemetryMetaData/{*}ContainerSet/{*}SequenceContainer")
@@ -398,7 +398,7 @@ def _check_containers(root: Any) -> None:
 
 
 def _check_definition(definition: Any) -> None:
-    """Raise ValueError where parsing has no beginning, or a calibrator a power that takes long to reckon."""
+    """Raise ValueError where the root container is missing, or a calibrator's exponent is too large."""
     if definition.root_container_name not in definition.containers:
         raise ValueError(f"there is no container {definition.root_container_name}, where parsing begins")
     for kind in definition.parameter_types.values():

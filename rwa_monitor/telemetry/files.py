@@ -1,6 +1,6 @@
-"""Reading and writing files: with a size limit that holds before anything is parsed, and never half-written.
+"""Reading and writing files: with a size limit that is checked before anything is parsed, and never half-written.
 
-Of MCAP files, our recordings and ROS 2 bags, chunks are unpacked: their sizes are compared before.
+Chunks of MCAP files (our recordings and ROS 2 bags) are unpacked here, after their sizes are checked.
 """
 
 import os
@@ -25,12 +25,12 @@ from rwa_monitor.wheel.file_content import MAX_CONTENT_BYTES
 PathLike = str | os.PathLike[str]
 
 SHA256_SUFFIX: Final = ".sha256"  # of a file as `sha256sum` writes it: the hash, then a name
-MAX_DEPTH: Final = 64  # of what lies in each other in a file: levels of text, containers, types
-PIECE_BYTES: Final = 2**20  # of what does not state its size
+MAX_DEPTH: Final = 64  # levels of nesting in a file: of text, containers, types
+PIECE_BYTES: Final = 2**20  # read at once from a file that does not state its size
 
 
 def display_name(path: PathLike) -> str:
-    """Return a file's name for messages and messages' fields: as given, valid UTF-8 also where the name is not."""
+    """Return a file's name for messages and fields: as given, with bytes that are not UTF-8 replaced."""
     return os.fsencode(path).decode("utf-8", "replace")
 
 
@@ -41,7 +41,7 @@ def beside(recording: Path, suffix: str) -> Path:
 
 @contextmanager
 def opened(path: Path, buffering: int = -1) -> Iterator[BufferedReader]:
-    """Give a file to read from; where the system refuses that in the block, raises as `refusing`."""
+    """Open a file for reading; system errors in the block are raised as by `refusing`."""
     with refusing(path), path.open("rb", buffering) as file:
         yield cast("BufferedReader", file)
 
@@ -54,7 +54,7 @@ def read_bytes(path: Path, limit: int) -> bytes:
     path
         The file.
     limit
-        Size from which the file is refused [bytes]; no more than that is ever read.
+        Largest size that is accepted [bytes]; little more than that is ever read.
 
     Raises
     ------
@@ -63,8 +63,8 @@ def read_bytes(path: Path, limit: int) -> bytes:
     """
     with opened(path) as file:
         pieces, size = list[bytes](), os.fstat(file.fileno()).st_size
-        # What states its size is refused by it; what does not (a pipe, a device) is read up to the limit, in pieces:
-        # Python takes memory for all that it is asked to read before it reads.
+        # A file that states its size is refused by it; one that does not (a pipe, a device) is read up to the limit in
+        # pieces, because Python allocates memory for the whole requested size before it reads.
         while size <= limit and (piece := file.read(PIECE_BYTES if pieces else max(size, PIECE_BYTES))):
             pieces.append(piece)
             size = sum(map(len, pieces))
@@ -74,12 +74,12 @@ def read_bytes(path: Path, limit: int) -> bytes:
 
 
 def read_text(file: PathLike, limit: int) -> str:
-    """Return the content of a UTF-8 file whose hash is checked where `<file>.sha256` lies beside it.
+    """Return the content of a UTF-8 file; its hash is checked if `<file>.sha256` exists.
 
     Raises
     ------
     InputError
-        As `read_bytes`; if the file beside it cannot be read, or its first word is not the hash of the content.
+        As `read_bytes`; if the hash file cannot be read, or its first word is not the hash of the content.
     """
     path = Path(file)
     content = read_bytes(path, limit)
@@ -114,9 +114,9 @@ def first_line(error: Exception) -> str:
 
 @contextmanager
 def refusing(path: Path, what: str = "cannot be read", place: str = "") -> Iterator[None]:
-    """Raise InputError, with the option `place`, where the system refuses something in the block, and why.
+    """Convert an OSError in the block to an InputError with its reason, and with the option `place`.
 
-    Of a folder where a file is needed, with what lies in it.
+    For a folder where a file is needed, the message names files in it.
     """
     try:
         yield
@@ -129,7 +129,7 @@ def refusing(path: Path, what: str = "cannot be read", place: str = "") -> Itera
 
 
 def make_folder(folder: Path, place: str = "") -> None:
-    """Make a folder where it is missing; raises InputError, with the option `place`, where that cannot be."""
+    """Make a folder where it is missing; raise InputError, with the option `place`, where that fails."""
     with refusing(folder, "cannot be made", place):
         try:
             folder.mkdir(parents=True, exist_ok=True)
@@ -139,18 +139,18 @@ def make_folder(folder: Path, place: str = "") -> None:
 
 @contextmanager
 def atomic_write(path: Path, place: str = "") -> Iterator[Path]:
-    """Give a temporary file in the same folder to write to, which takes the name `path` when all went well.
+    """Yield a temporary file in the same folder to write to, which is renamed to `path` if the block succeeds.
 
-    A reader sees the old file or the whole new one, never a part; after an exception nothing is left behind.
+    A reader finds the old file or the whole new one, never a part; after an exception nothing is left behind.
 
     Raises
     ------
     InputError
-        If the folder does not exist or may not be written to, with the option `place`: seen before any work is lost.
+        If the folder does not exist or is not writable, with the option `place`: raised before any work is lost.
     RwaMonitorError
         If writing fails later, for instance because the disk is full.
     """
-    # One name a process: what a killed one left is overwritten by the next with its id, and ignored otherwise.
+    # One name per process: a file left by a killed process is overwritten by the next one with its id, else ignored.
     part = path.with_name(f".{path.name}.{os.getpid()}.part")
     if path.is_dir():
         raise InputError(display_name(path), "is a folder, not a file to write to", place)
@@ -166,12 +166,12 @@ def atomic_write(path: Path, place: str = "") -> Iterator[Path]:
 
 
 def write_files(folder: Path, contents: Mapping[str, bytes], place: str = "") -> None:
-    """Write files, by their names, into a folder that is made where it is missing: all of them whole, or none begun.
+    """Write files, by their names, into a folder that is made where it is missing; if a write fails, none is replaced.
 
     Raises
     ------
     InputError
-        If the folder cannot be made or be written to; names the option `place`.
+        If the folder cannot be made or written to; names the option `place`.
     RwaMonitorError
         If writing fails later, for instance because the disk is full.
     """
@@ -193,11 +193,11 @@ def write_text(path: Path, text: str) -> None:
 MAX_CHUNK_BYTES: Final = 64 * 2**20  # ours have some 64 kB, or one message of at most 8 MB; rosbag2's less than a MB
 RECORD_HEAD: Final = struct.Struct("<BQ")  # opcode and length
 MESSAGE_HEAD: Final = struct.Struct("<HIQQ")  # channel, sequence, time when it was logged and published [ns]
-MESSAGE: Final = int(Opcode.MESSAGE)  # comparing an enumeration costs as much as reading the record
+MESSAGE: Final = int(Opcode.MESSAGE)  # comparing with the enumeration takes as long as reading the record
 
 
 def stream_of(record: bytes) -> ReadDataStream:
-    """Return the stream of one record: no length in it reaches beyond."""
+    """Return a stream of one record, so that no length in it can reach beyond the record."""
     return ReadDataStream(BytesIO(record))
 
 
@@ -207,7 +207,8 @@ def unpacked(chunk: Chunk) -> bytes:
     Raises
     ------
     ValueError
-        If it is more than the chunk states or may be, before it is unpacked; if it has another checksum.
+        If it is larger than allowed or not as large as stated, before it is unpacked where the chunk or its frame
+        states a size; if it has another checksum.
     """
     size = chunk.uncompressed_size
     if size > MAX_CHUNK_BYTES:
@@ -215,7 +216,7 @@ def unpacked(chunk: Chunk) -> bytes:
     if chunk.compression == "":
         data = chunk.data
     elif chunk.compression == "zstd":
-        # The decompressor goes by the frame, not by its caller.
+        # The decompressor uses the size in the frame, not the one that its caller gives.
         stated = zstandard.get_frame_parameters(chunk.data).content_size
         if stated not in (size, zstandard.CONTENTSIZE_UNKNOWN):
             raise ValueError(f"its frame states {stated:,} bytes, it itself {size:,}")
@@ -232,7 +233,7 @@ def unpacked(chunk: Chunk) -> bytes:
 
 
 def records_in(data: bytes) -> Iterator[tuple[int, bytes]]:
-    """Yield opcode and content of the records in a chunk; raises ValueError where one reaches beyond its end."""
+    """Yield opcode and content of the records in a chunk; raise ValueError where one reaches beyond its end."""
     position = 0
     while position < len(data):
         opcode, length = RECORD_HEAD.unpack_from(data, position)

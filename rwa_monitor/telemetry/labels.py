@@ -1,12 +1,12 @@
-"""What is known of recordings: labels.csv, which `simulate dataset` writes and `train` reads, events, and the truth.
+"""Ground truth of recordings: labels.csv, which `simulate dataset` writes and `train` reads, events, simulated truth.
 
 The header of the labels is `file,dry,viscous,<names of the switching systems>`, the rest is 0 or 1. File names are
 relative to the folder of the labels, or absolute, and do not lead out of that folder. A label holds for all windows of
 its file. A table of events, which `evaluate` reads too, has the columns `wheel,kind,start_ns,end_ns`, a row for each.
 
-The truth of `FILE` is `FILE.truth.json` (labels, jumps, sojourns, scenario, seed) and `FILE.truth.pq` (what changes
-from slot to slot: motion, temperature, every part of the friction, noise). Not `.parquet`, so that a pattern that finds
-the recordings of a folder does not find their truth.
+The truth of `FILE` is `FILE.truth.json` (labels, jumps, sojourns, scenario, seed) and `FILE.truth.pq` (values per
+slot: motion, temperature, every part of the friction, noise). Not `.parquet`, so that a pattern that matches the
+recordings of a folder does not match their truth.
 """
 
 import csv
@@ -34,7 +34,7 @@ from rwa_monitor.wheel.wheel import RESERVED_ANOMALIES, built_in_wheel
 
 MAX_LABELS_BYTES: Final = 100_000_000
 EVENT_COLUMNS: Final = ["wheel", "kind", "start_ns", "end_ns"]
-TIME: Final = re.compile("-?[0-9]{1,19}")  # what 64 bits hold, more or less: Python takes longer ones, and its time
+TIME: Final = re.compile("-?[0-9]{1,19}")  # about the range of 64 bits: parsing a much longer integer takes long
 
 
 class LabelledFile(NamedTuple):
@@ -85,11 +85,11 @@ def read_events(path: Path) -> list[LabelledEvent]:
 
 
 def _rows(path: Path) -> Iterator[tuple[str, list[str]]]:
-    """Yield the rows of a CSV file, each with its place, the header first, also where it is missing."""
+    """Yield the rows of a CSV file, each with its place; the header first, an empty one where it is missing."""
     reader = csv.reader(io.StringIO(read_text(path, MAX_LABELS_BYTES)), strict=True)
     try:
         yield "row 1", (header := next(reader, []))
-        for fields in filter(None, reader):  # a blank line is none
+        for fields in filter(None, reader):  # blank lines are skipped
             row = f"row {reader.line_num}"
             if len(fields) != len(header):
                 raise InputError(display_name(path), f"has {len(fields)} fields, the header has {len(header)}", row)
@@ -146,9 +146,9 @@ def _labelled_event(fields: list[str], source: str, row: str) -> LabelledEvent:
 
 
 def _leads_out(file: str, folder: Path) -> str:
-    """Return why a name does not stand for a file in the folder, "" where it does.
+    """Return why a name does not denote a file in the folder, "" where it does.
 
-    By its text, so that a link inside the folder may still lead to where the data really lie.
+    A relative name is judged by its text, so that a link inside the folder may lead to data outside it.
     """
     path = Path(file)
     if "\x00" in file:
@@ -165,7 +165,7 @@ def _leads_out(file: str, folder: Path) -> str:
 
 
 def write_truth(window: LabelledWindow, recording: Path, **provenance: Any) -> str:
-    """Write both files of truth beside a recording, and its wheel unless it is the built-in one.
+    """Write both files of truth next to a recording, and its wheel unless it is the built-in one.
 
     Parameters
     ----------
@@ -174,12 +174,12 @@ def write_truth(window: LabelledWindow, recording: Path, **provenance: Any) -> s
     recording
         The file that its samples are in.
     **provenance
-        What else the JSON shall hold: how to make the recording again.
+        Further fields of the JSON: how to make the recording again.
 
     Returns
     -------
     str
-        Why the table of every slot is left out, "" where it is not.
+        Why the table of slots is not written, "" where it is.
     """
     if window.wheel != built_in_wheel():
         write_text(beside(recording, ".wheel.toml"), window.wheel.to_toml())
@@ -203,7 +203,7 @@ def slot_columns(truth: Truth) -> dict[str, np.ndarray[Any, Any]]:
     return columns
 
 
-# ---- diagnoses beside labels -----------------------------------------------------------------------------------------
+# ---- diagnoses compared with labels ----------------------------------------------------------------------------------
 
 
 class JudgedAnomaly(BaseModel):
@@ -243,16 +243,16 @@ class JudgedWindow(Message):
 
 
 def beside_labels(diagnoses: Iterable[JudgedWindow], labels: Path) -> tuple[dict[str, list[Timeline]], list[Timeline]]:
-    """Put diagnosed windows beside labels; return alarms and events of each kind, and those of any kind together.
+    """Match diagnosed windows with labels; return timelines of each kind of anomaly, and those of all kinds together.
 
-    With a labels.csv each wheel of each file is a timeline, and a label an event as long as it; with a table of events
-    each wheel is one, whatever files its windows are from. A timeline goes from its first window to its last. Of any
-    kind together, overlapping events are one.
+    With a labels.csv each wheel of each file is a timeline, and a label an event that spans it; with a table of events
+    each wheel is one timeline, whatever files its windows are from. A timeline goes from its first window to its last.
+    For all kinds together, overlapping events are merged.
 
     Parameters
     ----------
     diagnoses
-        The windows, in any order. Of several diagnoses of the same window the last holds.
+        The windows, in any order. Of several diagnoses of the same window the last one counts.
     labels
         The labels.csv, whose files need not exist, or the table of events.
 
@@ -293,7 +293,7 @@ class _Group:
         self.events: defaultdict[str, list[Interval]] = defaultdict(list)
 
     def add(self, window: JudgedWindow) -> None:
-        """Add a window; raises InputError where another file has one of the same wheel that starts then."""
+        """Add a window; raise InputError where another file has one of the same wheel with the same start."""
         known = self.windows.setdefault(window.window_start_ns, window)
         if known.source != window.source:
             reason = f"windows of {known.source} and {window.source} start at the same time; name each wheel apart"
@@ -313,7 +313,7 @@ class _Group:
 
 
 def _by_file(windows: Sequence[JudgedWindow], files: Sequence[LabelledFile], labels: Path) -> list[_Group]:
-    """Group windows by file and wheel; a file is known by the end of its path, wherever it was diagnosed from."""
+    """Group windows by file and wheel; a file is matched by the end of its path, wherever it was diagnosed from."""
     source = display_name(labels)
     labelled: dict[tuple[str, ...], LabelledFile] = {}
     for file in files:

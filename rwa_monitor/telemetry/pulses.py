@@ -1,7 +1,7 @@
-"""Pulses of a turning wheel, one or many a turn, by nothing but their times: the speed that they show.
+"""The speed of a wheel from the times of its pulses alone, one or many per turn.
 
-The mean speed over a whole turn is that at its middle, but for how much the acceleration changes in a turn. Over a
-whole turn unequal distances between the pulses cancel, and so does what repeats with each turn.
+The mean speed over a whole turn equals that at its middle, except for the change of the acceleration within a turn.
+Over a whole turn unequal distances between the pulses cancel, and so does everything that repeats with each turn.
 """
 
 import math
@@ -18,23 +18,23 @@ from rwa_monitor.words import counted
 
 REACH: Final = 5  # steps to each side, at least, whose median is the usual step; a turn, where that is more
 SPREADS: Final = 6.0  # robust standard deviations of the steps about the usual one, beyond which a step is not regular
-LEAST_OFF: Final = 0.02  # of the usual step: less is no pulse too many, but a time that is off
-MOST_OFF: Final = 0.25  # of the usual step: halfway between a regular one and half of one
-LEAST_REGULAR: Final = 0.8  # of the steps: where fewer are, missed pulses and phantoms cannot be distinguished
-MOST_MISSED: Final = 10.0  # pulses in a row: longer the speed is not known well enough to count them
+LEAST_OFF: Final = 0.02  # deviation over the usual step: a smaller one is a timing error, not a pulse too many
+MOST_OFF: Final = 0.25  # deviation over the usual step: halfway between a regular step and half of one
+LEAST_REGULAR: Final = 0.8  # share of the steps: with fewer, missed pulses and phantoms cannot be distinguished
+MOST_MISSED: Final = 10.0  # pulses in a row: for more, the speed is not known well enough to count them
 
 
 class Turning(NamedTuple):
-    """What pulses show of a wheel's turning.
+    """Speed of a wheel from its pulses, and the irregularities found in them.
 
     Attributes
     ----------
     samples
         The speed [rad/s], positive, at the middle of each turn, and the other channels there.
     missed, phantom
-        How many pulses did not come, and how many came that are none.
+        Number of missed pulses, and of spurious ones.
     breaks
-        How many times the pulses stopped for longer than their number is known.
+        How many times the pulses stopped for so long that the missed ones cannot be counted.
     """
 
     samples: Samples
@@ -43,7 +43,7 @@ class Turning(NamedTuple):
     breaks: int
 
     def in_words(self, pulses: int, pulses_per_turn: int) -> str:
-        """Return what was made of so many pulses."""
+        """Return a sentence on how so many pulses were used."""
         odd = [f"{self.missed} missed"] * bool(self.missed) + [f"{self.phantom} phantom"] * bool(self.phantom)
         odd += [counted(self.breaks, "break")] * bool(self.breaks)
         return (
@@ -55,23 +55,23 @@ class Turning(NamedTuple):
 def speed_of_pulses(pulses: Samples, pulses_per_turn: int, source: str) -> Turning:
     """Return the speed of a wheel from the times of pulses.
 
-    Steps between pulses are regular where they are about the median of those around. Between regular ones the number
-    of pulses that belong there follows from the time: what came less was missed, what came more is left out. Both are
-    detected where they are single, three pulses or more from each other.
+    Steps between pulses are regular where they are close to the median of those around. Between regular steps the true
+    number of pulses follows from the time: fewer mean missed pulses, surplus ones are left out. Both are detected where
+    they are single, three pulses or more from each other.
 
     Parameters
     ----------
     pulses
-        Time of each pulse, and what was measured then; the speed counts for nothing.
+        Time of each pulse, and the channels measured then; the speed is ignored.
     pulses_per_turn
-        Of the wheel, at distances that need not be equal.
+        Pulses per turn of the wheel, at distances that need not be equal.
     source
         Name for messages.
 
     Raises
     ------
     InputError
-        If there are less than two turns, or pulses come too unevenly to determine which are missing.
+        If there are less than two turns, or pulses are too uneven to determine which are missing.
     """
     time = (pulses.time_ns - pulses.time_ns[0]) / NANOSECONDS_PER_SECOND
     if time.size < 2 * pulses_per_turn + 1:
@@ -81,7 +81,7 @@ def speed_of_pulses(pulses: Samples, pulses_per_turn: int, source: str) -> Turni
         )
     step = np.diff(time)
     usual = _usual(step, min(max(REACH, pulses_per_turn), step.size // 2))
-    off = np.abs(step / usual - 1.0)  # regular is what differs from the usual step by no more than most do
+    off = np.abs(step / usual - 1.0)  # a step is regular if it deviates no more than most do
     most_off = np.clip(SPREADS / math.sqrt(CHI_MEDIAN) * float(np.median(off)), LEAST_OFF, MOST_OFF)
     regular = off <= most_off
     if float(np.mean(regular)) < LEAST_REGULAR:
@@ -97,7 +97,7 @@ def speed_of_pulses(pulses: Samples, pulses_per_turn: int, source: str) -> Turni
     breaks = true > MOST_MISSED + 1.0
     true = np.where(breaks, 0.0, np.rint(true))
     odd = true - came
-    # Beyond a break the count goes on further away than any turn reaches.
+    # A break adds more to the count than a turn, so that no turn spans it.
     count = np.append(0, np.cumsum(np.where(breaks, 3 * pulses_per_turn, true))).astype(np.int64)
     once = np.append(True, np.diff(count) > 0)
     return Turning(
@@ -109,7 +109,7 @@ def speed_of_pulses(pulses: Samples, pulses_per_turn: int, source: str) -> Turni
 
 
 def _usual(step: FloatArray, reach: int) -> FloatArray:
-    """Return the median of the steps around each, `reach` to either side, beyond the ends on a robust line [s]."""
+    """Return the running median of the steps, `reach` to either side, extended by a robust line at the ends [s]."""
 
     def before(steps: FloatArray) -> FloatArray:
         first = steps[: 2 * reach + 1]
@@ -121,16 +121,16 @@ def _usual(step: FloatArray, reach: int) -> FloatArray:
 
 
 def _means_over_turns(pulses: Samples, count: IntArray, pulses_per_turn: int) -> Samples:
-    """Return the mean speed from a pulse to that a turn later, at the middle time.
+    """Return the mean speed from a pulse to the one a turn later, at the middle time.
 
     Parameters
     ----------
     pulses
-        The pulses that are none too many.
+        The pulses without spurious ones.
     count
-        int64 (n,), number of each, with those that were missed.
+        int64 (n,), number of each, missed ones included.
     pulses_per_turn
-        Of the wheel.
+        Pulses per turn of the wheel.
     """
     begin = np.arange(0, len(pulses), pulses_per_turn)
     end = np.searchsorted(count, count[begin] + pulses_per_turn)

@@ -1,8 +1,8 @@
 """Telemetry from files, as the monitor core takes it, and the one interface through which every format is read.
 
-A table is one batch of one wheel, a recording many of many. A reader takes a path and what is needed to understand
+A table is one batch of one wheel, a recording many batches of many wheels. A reader takes a path and a `Decoding`, for
 telemetry that does not name its channels, and returns a `TelemetryFile`; `rwa_monitor.monitor.telemetry_files` chooses
-it.
+the reader.
 
 A telemetry map gives which parameter of a packet, or field of a topic, is which channel of which wheel, in what unit.
 
@@ -27,7 +27,7 @@ speed_rad_s = { topic = "/joint_states", field = "velocity", joint = "wheel_1" }
 motor_current_A = { topic = "/wheel_1/current", field = "data", time = "log" }
 ```
 
-Units are checked: what is not known to measure a channel's quantity is refused, what is known is converted.
+Units are checked: a known unit of the channel's quantity is converted, any other is refused.
 """
 
 import hashlib
@@ -74,7 +74,7 @@ class WheelTelemetry(NamedTuple):
     batches
         In the order in which they came.
     constants
-        What a recording carries for this wheel; None for every other file.
+        The wheel file that a recording contains for this wheel; None for every other format.
     """
 
     source: str
@@ -92,11 +92,11 @@ class TelemetryFile(NamedTuple):
     telemetry
         One entry for each wheel in it.
     model
-        What a recording carries; None for every other file.
+        The model that a recording contains; None for every other format.
     problems
-        What of the file could not be read, a sentence each.
+        What could not be read, a sentence each.
     notes
-        What was read and left out on purpose, a sentence each.
+        What was left out on purpose, a sentence each.
     """
 
     telemetry: Sequence[WheelTelemetry]
@@ -113,18 +113,18 @@ class TextFile(NamedTuple):
 
 
 class Decoding(NamedTuple):
-    """What it takes to understand telemetry that does not name its channels; texts, so that it travels to workers.
+    """Definitions for telemetry that does not name its channels; texts, so that workers can be sent them.
 
     Attributes
     ----------
     map
         Which parameter or topic is which channel of which wheel (`telemetry_map`).
     xtce
-        What space packets look like.
+        XTCE definition of space packets.
     motor_off
-        Whether a table of time and speed alone will do: with the motor off friction is the inertia's torque.
+        Whether a table of time and speed alone suffices: with the motor off friction is the inertia's torque.
     pulses_per_turn
-        Of a table of pulses; None where that is not known.
+        Of a table of pulses; None where not known.
     """
 
     map: TextFile | None = None
@@ -133,7 +133,7 @@ class Decoding(NamedTuple):
     pulses_per_turn: int | None = None
 
     def of_wheel(self, wheel: Wheel | None) -> Self:
-        """Return what telemetry of a wheel is read with."""
+        """Return the decoding with what the wheel file states on it."""
         if wheel is None:
             return self
         return self._replace(motor_off=bool(wheel.friction.motor_off), pulses_per_turn=wheel.pulses_per_turn)
@@ -149,7 +149,7 @@ Reader = Callable[[Path, Decoding], TelemetryFile]
 
 
 def read_decoding(map_file: PathLike | None, xtce_file: PathLike | None) -> Decoding:
-    """Read a map and an XTCE definition, where given; raises InputError where one cannot be read."""
+    """Read a map and an XTCE definition, where given; raise InputError where one cannot be read."""
 
     def text_of(path: PathLike | None, limit: int) -> TextFile | None:
         return None if path is None else TextFile(display_name(path), read_text(path, limit))
@@ -158,7 +158,7 @@ def read_decoding(map_file: PathLike | None, xtce_file: PathLike | None) -> Deco
 
 
 def only_wheel(content: TelemetryFile, source: str) -> WheelTelemetry:
-    """Return the telemetry of a file that must hold one wheel; raises InputError where it holds several."""
+    """Return the telemetry of a file that must hold one wheel; raise InputError where it holds several."""
     if len(content.telemetry) != 1:
         wheels = ", ".join(f"{entry.spacecraft}/{entry.wheel}" for entry in content.telemetry)
         raise InputError(source, f"holds {len(content.telemetry)} wheels ({wheels}); one is wanted")
@@ -166,7 +166,7 @@ def only_wheel(content: TelemetryFile, source: str) -> WheelTelemetry:
 
 
 def joined(telemetry: WheelTelemetry) -> Samples:
-    """Return all samples of a wheel as one table, in the order of their time, of two with one time the first."""
+    """Return all samples of a wheel as one table, in order of time; of several with the same time the first."""
     samples = concatenate([batch.samples for batch in telemetry.batches])
     if (np.diff(samples.time_ns) > 0).all():
         return samples
@@ -198,8 +198,8 @@ UNITS: Final[dict[str, dict[str, float]]] = {
     "motor_voltage_V": {"V": 1.0, "mV": 1e-3},
     "bearing_temperature_degC": dict.fromkeys(("degC", "C", "Celsius", "K", "Kelvin"), 1.0),
 }
-OFFSETS: Final = {"K": -273.15, "Kelvin": -273.15}  # to be added behind the factor
-# What the values of a channel are in where no unit is given: the unit of its name.
+OFFSETS: Final = {"K": -273.15, "Kelvin": -273.15}  # added after the factor is applied
+# Unit of a channel's values where none is given: that in its name.
 SI_UNITS: Final = {name: next(iter(units)) for name, units in UNITS.items()}
 # Unit of time → nanoseconds; the words are those of XTCE's Encoding.
 TIME_UNITS: Final[dict[str, Fraction]] = {
@@ -282,7 +282,7 @@ class WheelMap(Strict):
 
 
 def _in_full(channel: Any) -> Any:
-    """Take a parameter's name for a channel with nothing else."""
+    """Expand a parameter's bare name to a channel without other keys."""
     return {"parameter": channel} if isinstance(channel, str) else channel
 
 
@@ -312,7 +312,7 @@ Size = TypeVar("Size", float, Fraction)
 
 
 def wheels_of(file: TextFile, kind: type[OneWheel]) -> list[OneWheel]:
-    """Return the wheels of a map of space packets or of topics; raises InputError naming the key that is wrong."""
+    """Return the wheels of a map of space packets or of topics; raise InputError naming the key that is wrong."""
     tables = parse_toml(file.text, file.source, "a telemetry map")
     blocks = tables.pop("wheel", None)
     if tables:
@@ -340,7 +340,7 @@ def telemetry_file(
     notes: Sequence[str],
     nothing: str,
 ) -> TelemetryFile:
-    """Return what a file holds of the wheels of a map.
+    """Return a file's telemetry of the wheels of a map.
 
     Parameters
     ----------
@@ -349,9 +349,9 @@ def telemetry_file(
     found
         Each wheel with its samples, in the order in which they came.
     problems, notes
-        What of the file could not be read, and what was left out on purpose.
+        What could not be read, and what was left out on purpose.
     nothing
-        The reason for an error where no wheel has a sample; what follows it in brackets is the first of the others.
+        Reason of the error where no wheel has a sample; the first problem or note is appended in brackets.
 
     Raises
     ------
@@ -376,19 +376,19 @@ def telemetry_file(
 
 
 def check_time(time_ns: int) -> None:
-    """Raise ValueError, in words for a count of what cannot be used, where the bus takes no such time."""
+    """Raise ValueError where the bus does not take such a time; the message is reported with the unusable ones."""
     if not 0 <= time_ns <= MAX_TIME_NS:
         latest_s = MAX_TIME_NS / NANOSECONDS_PER_SECOND
         raise ValueError(f"a time of {time_ns / NANOSECONDS_PER_SECOND:.3g} s; the bus takes 0 to {latest_s:.0e} s")
 
 
 def conversion(units: Mapping[str, Size], unit: str | None, quantity: str, source: str, place: str) -> Size:
-    """Return what one unit of a quantity is in our own: of a channel's `UNITS`, or of `TIME_UNITS`.
+    """Return the factor from a unit to that used here: by a channel's `UNITS`, or by `TIME_UNITS`.
 
     Raises
     ------
     InputError
-        If there is no unit, or none of this quantity.
+        If the unit is missing, or not one of this quantity.
     """
     found = units.get(_plain(unit)) if unit is not None else None
     if found is None:
@@ -398,11 +398,11 @@ def conversion(units: Mapping[str, Size], unit: str | None, quantity: str, sourc
 
 
 def channel_conversion(channel: str, unit: str | None, source: str, place: str) -> tuple[float, float]:
-    """Return factor and offset from a unit to that of a channel's name; raises InputError as `conversion`."""
+    """Return factor and offset from a unit to that of a channel's name; raise InputError as `conversion`."""
     factor = conversion(UNITS[channel], unit, channel, source, place)
     return factor, OFFSETS.get(_plain(unit or ""), 0.0)
 
 
 def _plain(unit: str) -> str:
-    """Return a unit without what people write between its parts."""
+    """Return a unit without separators between its parts, and with µ and ° spelt in ASCII."""
     return re.sub(r"[\s·*._]", "", unit).replace("µ", "u").replace("μ", "u").replace("°", "deg")

@@ -1,11 +1,11 @@
 """ROS 2 bags in MCAP: messages of any type (CDR by ros2msg), of which a telemetry map names topics and fields.
 
-The wheel's samples come when its speed does. The value of another topic is held for `hold_s` at most, then NaN.
-Messages carry no units: they are SI, as ROS demands (REP 103), unless the map gives another.
+A wheel has a sample for each value of its speed. The value of another topic is held for `hold_s` at most, then NaN.
+Messages carry no units: they are SI, as ROS requires (REP 103), unless the map gives another.
 
-A bag is read record by record, and what it states of its sizes is compared with limits before anything is unpacked.
-Only the topics of the map are decoded, by the definition of their type, and no message into more values than it has
-bytes.
+A bag is read record by record, and the sizes that it states are checked against limits before anything is unpacked.
+Only the topics of the map are decoded, by the definition of their type, and no message into many more values than it
+has bytes.
 """
 
 from __future__ import annotations
@@ -47,7 +47,7 @@ from rwa_monitor.telemetry.reader import Decoding, TelemetryFile, TopicChannel, 
 from rwa_monitor.telemetry.table import MAX_COLUMNS, MAX_ROWS
 from rwa_monitor.words import counted, first_few
 
-MAX_WORK_BYTES: Final = 16 * 2**30  # to be unpacked of a file; a bag with pictures is large
+MAX_WORK_BYTES: Final = 16 * 2**30  # unpacked from a file; a bag with images is large
 MAX_RECORDS: Final = 100_000_000  # of a bag; 28 hours of a thousand messages a second
 # Of a topic of the map, and of its schema; the state of a thousand joints has some 50 kB.
 MAX_MESSAGE_BYTES: Final = 2**18
@@ -90,7 +90,7 @@ class _Series:
         self._factor, self._offset = reader.channel_conversion(channel, unit, source, place)
 
     def take(self, message: dict[str, Any], times: dict[str, int]) -> None:
-        """Take a message's value, NaN where it has none; leave one out that does not hold this joint."""
+        """Append a message's value, NaN where the joint has none; skip a message without this joint."""
         at: int | None = None
         if self.spec.joint is not None:
             names = list(_field(message, "name"))
@@ -117,7 +117,7 @@ class _Series:
 
 
 class _Wheel:
-    """A wheel of the map, and what the bag holds of it."""
+    """A wheel of the map, and its values in the bag."""
 
     def __init__(self, wheel: TopicWheel, source: str) -> None:
         self.wheel = wheel
@@ -127,7 +127,7 @@ class _Wheel:
         }
 
     def samples(self) -> Samples:
-        """Return what is known of each channel when the speed is."""
+        """Return all channels at the times of the speed."""
         times = np.array(self.series["speed_rad_s"].times, dtype=np.int64)
         channels = {name: self._at(series, times) for name, series in self.series.items()}
         return Samples(time_ns=times, **channels)
@@ -142,7 +142,7 @@ class _Wheel:
         stamps, values = stamps[order], values[order]
         last = np.searchsorted(stamps, times, side="right") - 1
         known = last >= 0
-        # Without `hold_s` all is of one topic, and what is not of the same message is not known.
+        # Without `hold_s` all channels are of one topic, and only a value of the same time is used.
         reach_ns = 0 if hold_s is None else round(hold_s * NANOSECONDS_PER_SECOND)
         known[known] &= times[known] - stamps[last[known]] <= reach_ns
         found = np.full(times.size, np.nan)
@@ -163,7 +163,7 @@ def _field(message: Any, path: str) -> Any:
 
 
 class _Bag:
-    """Goes over the records of a bag and hands the messages of the map's topics to their series."""
+    """Reads the records of a bag and passes the messages of the map's topics to their series."""
 
     def __init__(self, source: str, wheels: list[_Wheel]) -> None:
         self._source = source
@@ -199,11 +199,11 @@ class _Bag:
                 raise InputError(self._source, f"there is no topic {name}; there are {there}{because}")
 
     def read(self, file: IO[bytes]) -> None:
-        """Read all that is whole."""
+        """Read all records up to the end of the data, or to the first incomplete one."""
         end, position = file.seek(0, os.SEEK_END), file.seek(len(MCAP0_MAGIC))
         while len(head := file.read(RECORD_HEAD.size)) == RECORD_HEAD.size:
             opcode, length = RECORD_HEAD.unpack(head)
-            if opcode == Opcode.DATA_END:  # what follows repeats what came
+            if opcode == Opcode.DATA_END:  # only a summary follows
                 return
             if opcode not in _WANTED and length <= end:
                 position = file.seek(length, os.SEEK_CUR)
@@ -220,19 +220,19 @@ class _Bag:
         self._lost.append(f"what follows byte {position} cannot be read: the bag was not closed, or is damaged")
 
     def _count(self, what: str, size: int, limit: int) -> None:
-        """Raise InputError where a bag has more of something than a bag has."""
+        """Add to a count, and raise InputError where it exceeds its limit."""
         self._seen[what] += size
         if self._seen[what] > limit:
             raise InputError(self._source, f"has more than {limit:,} {what}")
 
     def _unpacked(self, content: bytes) -> Iterator[tuple[int, bytes]]:
-        """Return the records in a chunk; raises ValueError where they are others than the chunk states."""
+        """Return the records in a chunk; raise ValueError where size or checksum are not as the chunk states."""
         chunk = Chunk.read(stream_of(content))
         self._count("bytes to be unpacked", chunk.uncompressed_size, MAX_WORK_BYTES)
         return records_in(unpacked(chunk))
 
     def _take(self, opcode: int, content: bytes) -> None:
-        """Take a message of the map's topics, or what describes one; others are passed over unread."""
+        """Process a record: a message of the map's topics, a schema or a channel; others are skipped unread."""
         self._count("records", 1, MAX_RECORDS)
         if opcode == MESSAGE:
             channel_id, _, log_ns, publish_ns = MESSAGE_HEAD.unpack_from(content)
@@ -253,7 +253,7 @@ class _Bag:
                 self._topics[channel.id] = (channel.topic, self._type(channel)) if wanted else None
 
     def _type(self, channel: Channel) -> MessageType:
-        """Return the type of a topic's messages; raises InputError where it cannot be."""
+        """Return the type of a topic's messages; raise InputError where they cannot be decoded."""
         schema = self._schemas.get(channel.schema_id)
         place = f"topic {channel.topic}"
         if schema is None or (channel.message_encoding, schema.encoding) != ("cdr", "ros2msg"):
@@ -280,7 +280,7 @@ class _Bag:
 
 # ---- types of messages, and messages by their type -------------------------------------------------------------------
 
-# A field's type; whether there are many, and of how many it always has; its name; the equals sign of a constant.
+# A field's type; its array brackets, and the length in them if fixed; its name; the equals sign of a constant.
 _FIELD: Final = re.compile(r"([\w/]+)(?:<=\d+)?(\[(?:(\d{1,9})|<=\d+)?\])?\s+([a-zA-Z]\w*)\s*(=?).*", re.ASCII)
 _NUMBERS: Final = {
     **{name: np.dtype(name) for name in ("bool", "int8", "int16", "int32", "int64", "float32", "float64")},
@@ -299,7 +299,7 @@ class _Field(NamedTuple):
 
 
 class MessageType:
-    """A type of message, as a definition (`ros2msg`) describes it and those in it.
+    """A message type and the types nested in it, as a definition (`ros2msg`) describes them.
 
     Parameters
     ----------
@@ -336,7 +336,7 @@ class MessageType:
                     fields.append(_Field(field, _full_name(kind, current.partition("/")[0]), times, many is not None))
 
     def decode(self, data: bytes) -> dict[str, Any]:
-        """Return the fields of a message in CDR by their names; raises ValueError where the bytes are none."""
+        """Return the fields of a message in CDR by their names; raise ValueError where the bytes are not one."""
         if data[:2] not in (b"\0\0", b"\0\1"):
             raise ValueError("it is no plain CDR")
         message: dict[str, Any] = _Cdr(data, self._types).value(self._name)
@@ -352,13 +352,13 @@ def _full_name(kind: str, package: str = "") -> str:
 
 
 class _Cdr:
-    """The bytes of one message, and how far they are read; numbers are aligned to their size."""
+    """The bytes of one message, and the position read so far; numbers are aligned to their size."""
 
     def __init__(self, data: bytes, types: dict[str, list[_Field]]) -> None:
         self._data, self._types = data[4:], types
         self._order: Literal["<", ">"] = "<" if data[1] else ">"
         self._at = 0
-        self._left = len(data) + MAX_DEPTH  # values: one for each byte, and as many beside
+        self._left = len(data) + MAX_DEPTH  # values still allowed: about one per byte
 
     def value(self, kind: str, depth: int = 0) -> Any:
         """Read a text, or the fields of a type by their names."""
@@ -370,7 +370,7 @@ class _Cdr:
         fields = self._types.get(kind)
         if fields is None:
             raise ValueError(f"the type {kind} is not in its definition")
-        if not fields:  # in its place there is a byte
+        if not fields:  # an empty type takes one byte
             self._at += 1
         return {field.name: self._field(field, depth) for field in fields}
 
@@ -383,7 +383,7 @@ class _Cdr:
         return values if field.is_list else values[0]
 
     def _numbers(self, kind: str, count: int) -> NDArray[Any]:
-        """Read numbers of a type; raises ValueError where there are not so many."""
+        """Read `count` numbers of a type; raise ValueError where there are fewer."""
         number = _NUMBERS[kind].newbyteorder(self._order)
         if count:
             self._at += -self._at % number.itemsize

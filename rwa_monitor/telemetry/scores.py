@@ -1,8 +1,8 @@
 """Event-wise scores of alarms against events in time, by the definitions of ESA's anomaly benchmark.
 
-An event is a stretch of time with an anomaly, [start, end]; an alarm one in which a detector reports it, [start, end),
-and alarms that touch are one. Several timelines, one for each wheel or recording, are judged together: counts and times
-are summed, timing and affiliation are means over all events.
+An event is an interval of time with an anomaly, [start, end]; an alarm one in which a detector reports it, [start,
+end), and alarms that touch are merged. Several timelines, one for each wheel or recording, are scored together: counts
+and times are summed, timing and affiliation are means over all events.
 
 Sources: K. Kotowski et al., European Space Agency Benchmark for Anomaly Detection in Satellite Telemetry,
 arXiv:2406.17826 (alarming precision; timing), with the correction of precision by M. E. Sehili and Z. Zhang,
@@ -22,12 +22,12 @@ import numpy as np
 from rwa_monitor.samples import FloatArray
 
 Interval = tuple[int, int]  # start and end in ns
-_Stretch = tuple[float, float]  # the same, from the start of its timeline on
+_Span = tuple[float, float]  # the same, relative to the start of its timeline
 Time = TypeVar("Time", int, float)
 _START, _END = itemgetter(0), itemgetter(1)
 
 BETA: Final = 0.5  # of F: precision weighs twice as much as recall
-# Affiliation of an event that nothing is reported near: its precision is that of alarms at random times.
+# Affiliation precision of an event without an alarm in its zone: that of alarms at random times.
 RANDOM_PRECISION: Final = 0.5
 TIMING_EXPONENT: Final = math.e  # of the timing quality: a fifth of an event late still gives 0.98, a half 0.5
 
@@ -35,7 +35,7 @@ TIMING_EXPONENT: Final = math.e  # of the timing quality: a fifth of an event la
 class Timeline(NamedTuple):
     """Time that was judged, [start_ns, end_ns), with the events and alarms in it, in any order.
 
-    What lies outside of it does not count. Events may overlap: each is one to be detected.
+    Parts outside of it do not count. Events may overlap: each is one to be detected.
     """
 
     start_ns: int
@@ -81,12 +81,12 @@ class Scores:
     timing_after
         Share of the detected events whose first alarm does not begin before them.
     affiliation_precision, affiliation_recall
-        How near alarms are to the events, and events to the alarms, within the time that lies nearest to each event:
-        probability that a time drawn there at random is farther off. Means over the events.
+        How near alarms are to the events, and events to the alarms, within the zone of times nearest to each event:
+        probability that a time drawn there at random is farther away. Means over the events.
     affiliation_f_0_5
         Of these two.
     affiliation_recall_nearest
-        The recall as its authors define it, from the nearest alarms; ESA's code differs where others go before these.
+        The recall as its authors define it, from the nearest alarms; ESA's code differs where others precede these.
     """
 
     events: int
@@ -137,7 +137,7 @@ def score(timelines: Iterable[Timeline]) -> Scores:
 
 
 def union(stretches: Iterable[tuple[Time, Time]], whole: tuple[Time, Time]) -> list[tuple[Time, Time]]:
-    """Return the parts of stretches within a whole as disjoint stretches in order; those that touch become one."""
+    """Return the union of intervals within a whole as disjoint intervals in order; those that touch are merged."""
     joined: list[tuple[Time, Time]] = []
     for start, end in sorted((max(start, whole[0]), min(end, whole[1])) for start, end in stretches):
         if start >= end:
@@ -150,7 +150,7 @@ def union(stretches: Iterable[tuple[Time, Time]], whole: tuple[Time, Time]) -> l
 
 
 class _Judged(NamedTuple):
-    """What one timeline adds to the scores.
+    """Contribution of one timeline to the scores.
 
     Attributes
     ----------
@@ -175,7 +175,7 @@ class _Judged(NamedTuple):
 
 
 def _judge(timeline: Timeline) -> _Judged:
-    # From its start on: clocks count from so long ago that float64 does not hold every nanosecond.
+    # Relative to its start: float64 cannot hold a clock's time to the nanosecond.
     whole = (0, timeline.end_ns - timeline.start_ns)
     given, raised = (
         [(start - timeline.start_ns, end - timeline.start_ns) for start, end in intervals]
@@ -198,12 +198,12 @@ def _judge(timeline: Timeline) -> _Judged:
     )
 
 
-def _on(event: _Stretch, alarms: Sequence[_Stretch]) -> Sequence[_Stretch]:
+def _on(event: _Span, alarms: Sequence[_Span]) -> Sequence[_Span]:
     """Return which of the disjoint alarms, in order, overlap an event, whose end is part of it."""
     return alarms[bisect_right(alarms, event[0], key=_END) : bisect_right(alarms, event[1], key=_START)]
 
 
-def _timing(event: _Stretch, alarm: _Stretch, events: Sequence[_Stretch]) -> tuple[float, bool]:
+def _timing(event: _Span, alarm: _Span, events: Sequence[_Span]) -> tuple[float, bool]:
     """Return the quality of the time at which the first alarm on an event begins, and whether that is not before it."""
     start, end = event
     latency, length = alarm[0] - start, end - start
@@ -215,7 +215,7 @@ def _timing(event: _Stretch, alarm: _Stretch, events: Sequence[_Stretch]) -> tup
     return max((latency + reach) / reach, 0.0) ** TIMING_EXPONENT, latency == 0
 
 
-def _affiliation(event: _Stretch, zone: _Stretch, alarms: Sequence[_Stretch]) -> tuple[float, float, float]:
+def _affiliation(event: _Span, zone: _Span, alarms: Sequence[_Span]) -> tuple[float, float, float]:
     """Return precision, recall and recall of the nearest alarms in an event's zone, the time that is nearest to it.
 
     Each is 1 less the mean probability that a time drawn at random from the zone is nearer: to the event than a time of
@@ -229,8 +229,8 @@ def _affiliation(event: _Stretch, zone: _Stretch, alarms: Sequence[_Stretch]) ->
     then, later = (_nearer_to(event, zone, np.maximum(at - event[1], 0.0)) for at in (first, last))
     precision = 1.0 - float((before - after + later - then).sum() / (last - first).sum())
 
-    # Each part of the event belongs to the alarm that is nearest. ESA-ADB gives the first part to the first alarm of
-    # the zone, the second to the second, and so on, also where other alarms go before the nearest one.
+    # Each part of the event belongs to the nearest alarm. ESA-ADB assigns the first part to the first alarm of the
+    # zone, the second to the second, and so on, even where other alarms precede the nearest one.
     cells = list(pairwise([zone[0], *((last[:-1] + first[1:]) / 2).tolist(), zone[1]]))
     near = [k for k, (low, high) in enumerate(cells) if low <= event[1] and event[0] <= high]
     parts = [(max(event[0], cells[k][0]), min(event[1], cells[k][1])) for k in near]
@@ -241,18 +241,18 @@ def _affiliation(event: _Stretch, zone: _Stretch, alarms: Sequence[_Stretch]) ->
     return precision, 1.0 - lost, 1.0 - lost_of_nearest
 
 
-def _nearer_to(event: _Stretch, zone: _Stretch, distance: FloatArray) -> FloatArray:
-    """Integrate, over distances from an event up to this one, the probability that a random time is nearer to it."""
+def _nearer_to(event: _Span, zone: _Span, distance: FloatArray) -> FloatArray:
+    """Integrate the probability that a random time is nearer to an event, over distances from it up to `distance`."""
     narrow = min(event[0] - zone[0], zone[1] - event[1])  # beyond it there is no more time on one side
     both = np.minimum(distance, narrow)
     area: FloatArray = _length([event]) * distance + (distance**2 + both**2) / 2 + narrow * (distance - both)
     return area / _length([zone])
 
 
-def _nearer_than(alarm: _Stretch, part: _Stretch, zone: _Stretch) -> float:
+def _nearer_than(alarm: _Span, part: _Span, zone: _Span) -> float:
     """Integrate over a part of an event the probability that a random time is nearer than the alarm."""
     (first, last), (low, high) = alarm, zone
-    # The probability is linear between these.
+    # The probability is piecewise linear with these nodes.
     time = np.unique(np.clip([*part, first, last, (first + low) / 2, (last + high) / 2], *part))
     distance = np.maximum(np.maximum(first - time, time - last), 0.0)
     share = (np.minimum(distance, time - low) + np.minimum(distance, high - time)) / _length([zone])
@@ -262,7 +262,7 @@ def _nearer_than(alarm: _Stretch, part: _Stretch, zone: _Stretch) -> float:
 # ---- arithmetic ------------------------------------------------------------------------------------------------------
 
 
-def _length(stretches: Iterable[_Stretch]) -> float:
+def _length(stretches: Iterable[_Span]) -> float:
     return sum(end - start for start, end in stretches)
 
 

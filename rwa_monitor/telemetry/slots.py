@@ -1,9 +1,9 @@
-"""What happens to a wheel's slots before they are diagnosed: kept, validated, turned into friction torque.
+"""Processing of a wheel's slots before they are diagnosed: kept, validated, turned into friction torque.
 
 Three steps, in the order of the flow, pure:
 
     ring buffer          the last slots, in arrays of fixed size, allocated once
-    sensor validation    slots that show what a broken sensor does and no wheel can are masked, counted and reported
+    sensor validation    slots with readings of a faulty sensor that no wheel can cause are masked, counted and reported
     friction source      the friction torque, given or derived from current, less the effects the wheel is known to have
 """
 
@@ -33,9 +33,9 @@ from rwa_monitor.wheel.torque_balance import (
 from rwa_monitor.wheel.wheel import Wheel
 
 # ---- the ring buffer -------------------------------------------------------------------------------------------------
-# Slot k lives at position k modulo the array's size. A slot that no sample came for is empty; a slot with a bad value
-# (NaN) is filled but not good. That a slot was filled is known for `capacity` slots; values, of which only the newest
-# are worked on, are kept for `values_capacity`.
+# Slot k is stored at position k modulo the array's size. A slot without a sample is empty; one with a bad value (NaN)
+# is filled but not good. Whether a slot was filled is kept for `capacity` slots; values, of which only the newest are
+# processed, for `values_capacity`.
 
 
 SPEED: Final = "speed_rad_s"
@@ -49,11 +49,11 @@ class RingBuffer:
     Parameters
     ----------
     capacity
-        Slots of which to know whether they were filled.
+        Number of slots for which to keep whether they were filled.
     optional
         Which of the `OPTIONAL` channels to keep besides speed and torque.
     values_capacity
-        Slots whose values to keep.
+        Number of slots for which to keep the values.
 
     Attributes
     ----------
@@ -121,7 +121,7 @@ class RingBuffer:
         begin
             First slot.
         filled
-            bool (n,), at most `capacity`: which slots a sample came for.
+            bool (n,), at most `capacity`: which slots have a sample.
         values
             float64 (m,) for every channel, m ≤ n: values of the last m slots, NaN where empty.
         """
@@ -133,14 +133,14 @@ class RingBuffer:
             _put(array, self.end - last.size, last)
 
     def is_filled(self, slots: IntArray) -> BoolArray:
-        """Return which slots a sample came for, bool (n,); False for slots that are no longer, or not yet, held."""
+        """Return which slots have a sample, bool (n,); False for slots that are no longer, or not yet, held."""
         held = (slots >= self.begin) & (slots < self.end)
         return np.asarray(held & (self._filled[slots % self.capacity] == 1), dtype=np.bool_)
 
     def read(self, name: str, start: int, stop: int) -> FloatArray:
         """Return a channel's slots [start, stop), float64, to be read only; NaN where empty, not held or not kept.
 
-        They are those of the buffer itself where they lie there side by side: `extend` and `overwrite` change them.
+        A view of the buffer itself where the slots are contiguous there: `extend` and `overwrite` change it.
         """
         array = self._values.get(name)
         if array is not None and self._first <= start < stop <= self.end and start >= self.end - array.size:
@@ -163,7 +163,7 @@ class RingBuffer:
 
 
 def _put(array: NDArray[Any], start: int, values: NDArray[Any]) -> None:
-    """Write the values of the slots from `start` on, over the array's end and on from its begin."""
+    """Write the values of the slots from `start` on, wrapping around at the array's end."""
     at = start % array.size
     if at + values.size <= array.size:
         array[at : at + values.size] = values
@@ -172,29 +172,27 @@ def _put(array: NDArray[Any], start: int, values: NDArray[Any]) -> None:
 
 
 # ---- sensor validation -----------------------------------------------------------------------------------------------
-#     hangs        a channel that was restless repeats one value, bit for bit, in slot after slot
-#     stands out   a few slots differ from those before and after them by more than a wheel can do and undo in that time
+#     hangs        a channel that varied before repeats one value, bit for bit, in slot after slot
+#     stands out   a few slots differ from those before and after them by more than a wheel can change and undo so soon
 #
-# Slots are judged in order, each with one slot after it. What is found may concern slots shortly before: a slot is held
-# back for `LAG_SLOTS`, but never beyond the end of a window, which closes with the first slot behind it. So a window's
-# slots are judged by no more than that slot, and the result does not depend on how samples arrive.
+# Slots are judged in order, each with one slot after it. A fault may include slots shortly before: a slot is held back
+# for `LAG_SLOTS`, but never beyond the end of a window, which closes with the first slot after it. So to judge a window
+# takes no more than that one slot, and the result does not depend on how samples arrive.
 
 
-# Friction of all switching systems together, at so many times their largest nominal friction, may come and go within a
-# slot: anomalies of the paper are about twice the nominal friction. A system without given friction counts as one dry
-# torque.
+# Multiple of the largest nominal friction of all switching systems together that may appear or vanish within a slot:
+# anomalies of the paper are about twice the nominal friction. A system without stated friction counts as 1 dry torque.
 LARGEST_FACTOR: Final = 2.0
 LAG_SLOTS: Final = max(HANGING_SLOTS, OUTSTANDING_SLOTS)
 
 # The memory of a channel: the last value that was not missing; the last first and second difference; the share of the
 # recent slots in which the second difference changed its sign; how often the last value has been repeated, and that
-# share when the repetition began; the sum of recent steps from slot to slot, in absolute value, and how many they are,
-# which both fade.
+# share when the repetition began; the sum of recent absolute steps from slot to slot, and their number, both decaying.
 MEMORY: Final = 8
 
 
 class Fault(NamedTuple):
-    """A channel shows what no wheel does; such slots are masked.
+    """Readings of a channel that no wheel can cause; their slots are masked.
 
     Attributes
     ----------
@@ -233,14 +231,14 @@ class Channel:
         values, after
             float64 (n,): the slots, and for each the slot after it, NaN where missing.
         limit
-            What the channel can do within a slot, in its unit; infinity where that is not known.
+            Largest change of the channel within a slot, in its unit; infinity where not known.
 
         Returns
         -------
         kind
             int8 (n,): 0, HANGS or STANDS_OUT, for what is found with this slot and the one after it.
         since
-            int64 (n,): how many slots before it that begins.
+            int64 (n,): how many slots before it the fault begins.
 
         None instead of both where nothing is found.
         """
@@ -258,7 +256,7 @@ def speed_limit(wheel: Wheel) -> float:
 
 
 def friction_limit(wheel: Wheel) -> float:
-    """Return the largest friction that can come and go within a slot [N m]; infinity if not known."""
+    """Return the largest friction that can appear or vanish within a slot [N m]; infinity if not known."""
     if wheel.nominal is None:
         return float("inf")
     highest = [max(part.high for part in system.friction) if system.friction else 1.0 for system in wheel.fss]
@@ -272,9 +270,9 @@ class SensorValidation:
     Attributes
     ----------
     speed_limit_rad_s, torque_limit_Nm
-        What the channels can do within a slot; infinity where that is not known.
+        Largest changes of the channels within a slot; infinity where not known.
     done
-        Slots judged; those that are not held back any more are final.
+        Number of slots judged; those that are not held back any more are final.
     speed, torque
         Judge the channels.
     """
@@ -290,16 +288,16 @@ class SensorValidation:
         self.done, self.speed, self.torque = 0, Channel(), Channel()
 
     def run(self, ring: RingBuffer, stop: int, border_before: Callable[[int], int]) -> tuple[int, list[Fault]]:
-        """Judge the slots up to `stop`, and mask in the ring buffer what cannot be.
+        """Judge the slots up to `stop`, and mask the invalid ones in the ring buffer.
 
         Parameters
         ----------
         ring
             Holds them, those held back, and the slot `stop` unless nothing more will come.
         stop
-            First slot that is left for later.
+            First slot that is not judged yet.
         border_before
-            Gives the last slot, up to a given one, before which all are final when it has been seen.
+            Returns the last border, up to a given slot, before which all slots are final once it has been judged.
 
         Returns
         -------
@@ -324,7 +322,7 @@ class SensorValidation:
             if judged is None:
                 continue
             kind, since = judged
-            # A tachometer at rest shows zero, and so may the current: that is no fault.
+            # At rest a tachometer reads zero, and so may the current: that is no fault.
             wrong = (kind == STANDS_OUT) | ((kind == HANGS) & turning)
             if not wrong.any():
                 continue
@@ -345,39 +343,38 @@ def _good(ring: RingBuffer, start: int, stop: int) -> BoolArray:
 
 
 # ---- friction --------------------------------------------------------------------------------------------------------
-# Whatever is computed over several slots at once is computed in blocks that are cut at multiples of 64 slots of the
-# grid and at the borders of windows, never where a message happens to end, so that the bits do not depend on how
-# samples arrive.
+# Computations over several slots work in blocks that are cut at multiples of 64 slots of the grid and at the borders of
+# windows, never where a message happens to end, so that results are bit-identical however samples arrive.
 
 
 BLOCK_SLOTS: Final = BLOCK
 TEMPERATURE: Final = "bearing_temperature_degC"
 
 
-# A bearing's temperature that is not known is as far off as it may have moved: as fast as one that swings by ±3 K in
-# 95 min, an orbit's eclipses, and no further than the seasons go. Working assumptions.
+# The error of a bearing temperature that is not measured is its possible drift since: at the rate of an oscillation by
+# ±3 K in 95 min (an orbit's eclipses), up to the seasonal range. Working assumptions.
 DRIFT_K_S: Final = 3.3e-3
-STUCK_S: Final = 300.0  # in which that drift is 1 K: shorter repetitions do no harm
-STUCK_RUNS: Final = 10.0  # times the longest repetition of one value before
+STUCK_S: Final = 300.0  # in which that drift is 1 K: shorter repetitions are harmless
+STUCK_RUNS: Final = 10.0  # times the longest earlier repetition of one value, beyond which a channel is stuck
 BEARING_DEGC: Final = (-100.0, 200.0)  # °C: no lubricant lasts beyond
 
 
 def held_temperature(
     measured_degC: FloatArray, period_s: float, start_degC: float, memory: Memory = None
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return the bearing's temperature in every slot: where it is missing the last one holds, ever more uncertain.
+    """Return the bearing temperature in every slot; where missing, the last one is held, with a growing error.
 
-    A channel that was restless and repeats one value for long is stuck: that value is as old as it is. One that never
-    moved may be a quiet bearing in coarse digits, and is believed.
+    A channel that varied before and repeats one value for long is stuck: that value is as old as the repetition. One
+    that never varied may be a steady temperature in coarse digits, and is accepted.
 
     Parameters
     ----------
     measured_degC, period_s
         float64 (n,), consecutive slots, NaN where it was not measured [°C]; from slot to slot [s].
     start_degC
-        Before the first one is known [°C].
+        Used before the first one is known [°C].
     memory
-        What an earlier call returned for the slots just before; None at the start of an epoch.
+        The memory that the call for the slots just before returned; None at the start of an epoch.
 
     Returns
     -------
@@ -385,20 +382,20 @@ def held_temperature(
         float64 (n,) each [°C], [K].
     memory
         float64 (4,): the last temperature known, NaN before the first; for how many slots it has been missing; how
-        often it was repeated; the most that any was.
+        often it was repeated; the largest number of repetitions of any earlier value.
     """
     last, missing, repeated, most = begun(memory, np.nan, 0.0, 0.0, 0.0)
     values = np.append(last, measured_degC)
     at = np.arange(values.size)
     known = (values > BEARING_DEGC[0]) & (values < BEARING_DEGC[1])
-    known[0] = True  # whatever it is, it goes on
+    known[0] = True  # the value in memory, even NaN, is the one to hold
     known_at = np.maximum.accumulate(np.where(known, at, 0))
     held = values[known_at]
     missing_for = at - known_at + np.where(known_at == 0, missing, 0.0)
     changed = np.append(False, held[1:] != held[:-1]) & known
     changed_at = np.maximum.accumulate(np.where(changed, at, 0))
     repeated_for = at - changed_at + np.where(changed_at == 0, repeated, 0.0)
-    # How long a run was that ended, if it was neither missing nor stuck.
+    # Length of each run of one value at its end, if neither missing nor stuck.
     ended = np.where(changed[1:] & (missing_for[:-1] == 0.0), repeated_for[:-1] + 1.0, 0.0)
     ended[np.isnan(held[:-1]) | (ended * period_s > STUCK_S)] = 0.0
     most_before = np.maximum.accumulate(np.append(most, ended))
@@ -427,13 +424,13 @@ class FrictionSource:
     optional
         Channels besides speed and torque that the wheel's effects need.
     limit_Nm
-        What friction can do within a slot.
+        Largest friction that can appear or vanish within a slot.
     derived
         Whether friction is not given.
     channel
         Judges derived friction, with the effects still in it: slots where it stands out are masked.
     angle_rad, last_speed_rad_s, memories
-        What the effects keep of the slots so far, and at last `held_temperature` where one needs the temperature.
+        State of the effects after the slots so far; the last memory is that of `held_temperature`, where one needs it.
     at_corners, at_limit
         Samples masked since this process began: where the speed bends too sharply for friction to be derived, and with
         the current at its limit.
@@ -462,7 +459,7 @@ class FrictionSource:
         self.last_speed_rad_s = 0.0
         self.memories: list[Memory] = [None] * (len(self.effects) + (TEMPERATURE in self.optional))
 
-    # ---- samples → what the ring buffer keeps --------------------------------------------------------------------
+    # ---- samples → the torque in the ring buffer -----------------------------------------------------------------
 
     def torque(self, samples: Samples) -> FloatArray | None:
         """Return the torque that friction comes from, float64 (n,) [N m]; None where the channel is missing."""
@@ -488,20 +485,20 @@ class FrictionSource:
         ring
             Holds the slots and `reach` more on either side, as far as there are any.
         start, stop
-            Go on where the last call ended; both multiples of 64, or borders of windows or of the epoch.
+            `start` is where the last call ended; both multiples of 64, or borders of windows or of the epoch.
         torque
-            float64 (stop - start,), what the ring buffer holds of it there.
+            float64 (stop - start,), the torque in the ring buffer there.
 
         Returns
         -------
         torque
-            float64 (stop - start,) [N m], NaN where it is not known, stands out, or a corner of the speed hides it.
+            float64 (stop - start,) [N m], NaN where it is not known, stands out, or the speed has a corner.
         masked
-            Slots where it was known and is not valid.
+            Number of slots where it was known and is not valid.
         faults
             One for each time that derived friction stands out.
         viscous
-            What viscous friction is in proportion to; None where that is the speed.
+            The quantity to which viscous friction is proportional; None where that is the speed.
         """
         if self.reach == 0:
             return torque, 0, [], None
@@ -515,18 +512,19 @@ class FrictionSource:
         if self.derived:
             masked = int(np.count_nonzero(np.isfinite(torque) & np.isfinite(acceleration) & np.isnan(friction)))
             self.at_corners += masked
-            stand_out, faults = self._mask_what_stands_out(ring, start, stop, acceleration, friction)
+            stand_out, faults = self._mask_outstanding(ring, start, stop, acceleration, friction)
             masked += stand_out
-        viscous = self._take_effects_out(ring, start, stop, acceleration, friction)
+        viscous = self._subtract_effects(ring, start, stop, acceleration, friction)
         return friction, masked, faults, viscous
 
-    def _mask_what_stands_out(
+    def _mask_outstanding(
         self, ring: RingBuffer, start: int, stop: int, acceleration: FloatArray, torque: FloatArray
     ) -> tuple[int, list[Fault]]:
-        """Judge the derived friction of the slots [start, stop), mask in it what is not valid; return as `friction`.
+        """Judge the derived friction of the slots [start, stop), and mask the slots that stand out in it.
 
-        The last slot of a block is judged by the one after it, whose acceleration may not be known yet, but is nearly
-        the same. What stands out is masked from the beginning of its block on at most: slots before may be gone.
+        Returns the number of masked slots and the faults. The last slot of a block is judged by the one after it, whose
+        acceleration may not be known yet, but is nearly the same. Masking reaches back to the beginning of the block at
+        most: slots before may have been passed on.
         """
         slots = np.arange(start, stop)
         last = np.flatnonzero((slots + 1) % BLOCK_SLOTS == 0)
@@ -548,7 +546,7 @@ class FrictionSource:
                 faults.append(Fault("friction", False, start + first))
         return masked, faults
 
-    def _take_effects_out(
+    def _subtract_effects(
         self, ring: RingBuffer, start: int, stop: int, acceleration: FloatArray, torque: FloatArray
     ) -> ViscousSpeed | None:
         """Subtract the effects of the slots [start, stop) from their torque, in place; return the viscous speed."""
@@ -565,11 +563,11 @@ class FrictionSource:
     def _effect_torque(
         self, ring: RingBuffer, start: int, stop: int, acceleration: FloatArray, friction: FloatArray
     ) -> tuple[FloatArray, ViscousSpeed]:
-        """Return the torque that effects add in one block of slots [N m], and what viscous friction follows."""
+        """Return the torque that effects add in one block of slots [N m], and the viscous speed."""
         period_s = self.wheel.sample_period_s
         speed = ring.read(SPEED, start, stop)
         good = np.isfinite(speed)
-        # Where a speed is missing, the wheel turns on with the last one known.
+        # Where a speed is missing, the angle is continued with the last one known.
         held = np.append(self.last_speed_rad_s, speed)
         for i in np.flatnonzero(~good).tolist():
             held[i + 1] = held[i]

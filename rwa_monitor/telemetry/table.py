@@ -1,8 +1,7 @@
 """The sample table: telemetry of one wheel as CSV or Parquet, with fixed column names and units.
 
-A table is read whole or refused: with its file, row, column and reason. Columns that are not known are left out and
-returned by name, to be reported. Values that are not finite stay as they are: they are masked
-later, where they are also counted.
+A table is read whole or refused, with file, row, column and reason. Unknown columns are left out and returned by name,
+to be reported. Values that are not finite are kept: they are masked and counted later.
 """
 
 import csv
@@ -26,14 +25,14 @@ from rwa_monitor.telemetry.files import display_name
 from rwa_monitor.telemetry.pulses import speed_of_pulses
 from rwa_monitor.words import first_few
 
-TIME_COLUMNS: Final = ("time_ns", "time_s")  # the exact one first: it counts where a table has both
-PULSE_COLUMNS: Final = ("pulse_time_ns", "pulse_time_s")  # of a table that is one of pulses, without a speed
+TIME_COLUMNS: Final = ("time_ns", "time_s")  # the exact one first: it is used where a table has both
+PULSE_COLUMNS: Final = ("pulse_time_ns", "pulse_time_s")  # of a table of pulses, which has no speed
 SPEED, ANGLE, ANGLE_IN_DEGREES = "speed_rad_s", "angle_rad", "angle_deg"
 _COLUMNS: Final = (*TABLE_CHANNELS, ANGLE_IN_DEGREES)
 MAX_ROWS: Final = 20_000_000  # 29 days at 8 Hz, 1.1 GB with all channels
 MAX_COLUMNS: Final = 1_000
 MAX_TABLE_BYTES: Final = 2_000_000_000  # of a file
-ROWS_AT_ONCE: Final = 50_000  # read or written; as texts they take 20 times the memory of their values
+ROWS_AT_ONCE: Final = 50_000  # read or written; as text they take 20 times the memory of their values
 
 
 class SampleTable(NamedTuple):
@@ -46,7 +45,7 @@ class SampleTable(NamedTuple):
     ignored_columns
         Names of the columns that were left out, in the table's order.
     notes
-        What was made of the rows, a sentence each.
+        How the rows were used, a sentence each.
     """
 
     samples: Samples
@@ -55,7 +54,7 @@ class SampleTable(NamedTuple):
 
 
 class Layout(NamedTuple):
-    """Which column of a table holds what; in a table of pulses the speed is not measured, but follows from the times.
+    """The columns of a table; in a table of pulses the speed is not measured, but follows from the times.
 
     Attributes
     ----------
@@ -123,7 +122,7 @@ def _check_time(time_ns: IntArray, column: str, source: str, first_row: int) -> 
         reason = f"time does not increase ({here} after {before}); sort the rows by time and leave repeated ones out"
         raise InputError(source, reason, f"row {first_row + at}, column {column}")
     span_ns = int(time_ns[-1]) - int(time_ns[0])  # Python's integers: the difference may exceed int64
-    if 2 * span_ns >= MAX_CLOCK_NS:  # the slot of a sample is reckoned in int64 with twice its time
+    if 2 * span_ns >= MAX_CLOCK_NS:  # the slot of a sample is computed in int64 from twice its time
         raise InputError(source, f"covers {span_ns / NANOSECONDS_PER_SECOND:.3g} s, more than 73 years", column)
 
 
@@ -148,7 +147,7 @@ FileFormat = Literal["csv", "parquet", "mcap", "packets", "ros2"]
 
 
 def arrow() -> Any:
-    """Return pyarrow, which belongs to an extra, has no types of its own, and takes a third of a second to import.
+    """Return pyarrow, which belongs to an extra, has no type hints, and takes a third of a second to import.
 
     Raises
     ------
@@ -163,7 +162,7 @@ def arrow() -> Any:
 
 
 def file_format(path: Path) -> FileFormat:
-    """Return a file's format: by its first bytes, and where it has none of its own, by its suffix; else it is CSV.
+    """Return a file's format: by its first bytes; where the format has no signature, by its suffix; else CSV.
 
     Raises
     ------
@@ -185,21 +184,21 @@ def file_format(path: Path) -> FileFormat:
 
 
 def read_table(path: Path, pulses_per_turn: int | None = None) -> SampleTable:
-    """Read a sample table, CSV or Parquet, or a table of pulses, of which the speed is worked out.
+    """Read a sample table, CSV or Parquet, or a table of pulses, from which the speed is computed.
 
     Parameters
     ----------
     path
         The table.
     pulses_per_turn
-        Of the wheel; None where that is not known.
+        Of the wheel; None where not known.
 
     Raises
     ------
     InputError
         If the table cannot be used; names the file, the row, the column and the reason.
     MissingExtraError
-        If what it takes to read Parquet is not installed.
+        If the table is Parquet and pyarrow is not installed.
     """
     source = display_name(path)
     layout, time_ns, channels = (_read_parquet if file_format(path) == "parquet" else _read_csv)(path, source)
@@ -222,13 +221,13 @@ def read_table(path: Path, pulses_per_turn: int | None = None) -> SampleTable:
 
 _DECIMAL: Final = re.compile(r"[+-]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][+-]?[0-9]{1,9})?")
 _LARGEST_INT64: Final = np.iinfo(np.int64).max
-_PLACES: Final = {"_s": 9, "_ns": 0}  # of a nanosecond in the unit with which the column's name ends
+_PLACES: Final = {"_s": 9, "_ns": 0}  # decimal places of a nanosecond in the unit that ends the column's name
 _CONTEXT: Final = decimal.Context(prec=40, Emax=decimal.MAX_EMAX, Emin=decimal.MIN_EMIN)
 
 
 def _read_csv(path: Path, source: str) -> tuple[Layout, IntArray, dict[str, FloatArray]]:
     """Read the rows of a CSV table: its layout, the times, and the other columns, each in the unit of its name."""
-    # A closing blank line is nobody's mistake; one in the middle is a row without values, and is refused as such.
+    # Blank lines at the end are accepted; one in the middle is a row without values, and is refused as such.
     content = files.read_bytes(path, MAX_TABLE_BYTES).removeprefix(b"\xef\xbb\xbf").rstrip(b"\r\n")
     if max(content.count(b"\n"), content.count(b"\r")) > MAX_ROWS:
         raise InputError(source, f"has more rows than the limit of {MAX_ROWS:,}: split it, and use --carry")
@@ -250,9 +249,9 @@ def _read_csv(path: Path, source: str) -> tuple[Layout, IntArray, dict[str, Floa
 
 
 def write_csv(samples: Samples, path: Path) -> None:
-    """Write samples as a CSV that `read_csv` gives back bit for bit; the same samples give the same bytes.
+    """Write samples as a CSV that `read_table` reads back bit for bit; the same samples give the same bytes.
 
-    Time is written in nanoseconds, values with the fewest digits that give them back, NaN as an empty field.
+    Time is written in nanoseconds, values with the fewest digits that reproduce them, NaN as an empty field.
     """
     names, arrays = zip(*samples.channels(), strict=True)
     with files.atomic_write(path) as part, part.open("w", encoding="ascii", newline="") as file:
@@ -305,7 +304,7 @@ def _numbers(texts: Sequence[str], column: str, source: str, row: int) -> FloatA
     values = np.empty(len(texts))
     for at, text in enumerate(texts):
         try:
-            # Python's own also takes 1_0 and digits of other scripts.
+            # `float` also accepts 1_0 and digits of other scripts.
             values[at] = float(text or "nan") if text.isascii() and "_" not in text else float("")
         except ValueError as error:
             raise InputError(source, f"{text[:40]!r} is not a number", f"row {row + at}, column {column}") from error
@@ -313,7 +312,7 @@ def _numbers(texts: Sequence[str], column: str, source: str, row: int) -> FloatA
 
 
 def _nanoseconds(texts: Sequence[str], column: str, source: str, row: int) -> IntArray:
-    """Return times [ns] from their texts in s or ns; decimal from end to end."""
+    """Return times [ns] from their texts in s or ns, in decimal arithmetic throughout."""
     times, places = np.empty(len(texts), dtype=np.int64), _PLACES[column[column.rindex("_") :]]
     for at, text in enumerate(texts):
         time_or_reason = _nanoseconds_of(text, places)
@@ -389,7 +388,7 @@ def _read_parquet(path: Path, source: str) -> tuple[Layout, IntArray, dict[str, 
 
 
 def _check_footer(file: Any, columns: Sequence[str], source: str) -> None:
-    """Raise InputError where the footer promises too much, or a column that is wanted and holds no numbers."""
+    """Raise InputError where the footer states too many rows or bytes, or a wanted column without numbers."""
     metadata, schema, types = file.metadata, file.schema_arrow, arrow().types
     numbers = types.is_null, types.is_integer, types.is_floating, types.is_decimal  # without any value: one of NaN
     check_rows(metadata.num_rows, source)
@@ -397,18 +396,18 @@ def _check_footer(file: Any, columns: Sequence[str], source: str) -> None:
         kind = schema.field(name).type
         if not any(is_kind(kind) for is_kind in numbers):
             raise InputError(source, f"holds {kind}, not numbers", f"column {name}")
-    # Of all columns: to look at one of a damaged file ends the process (pyarrow 26, an exception nobody catches).
+    # Of all columns: reading the size of a single one in a damaged file ends the process (pyarrow 26, uncaught error).
     unpacked = sum(metadata.row_group(at).total_byte_size for at in range(metadata.num_row_groups))
     if unpacked > MAX_UNPACKED_BYTES:
         raise InputError(source, f"unpacks to {unpacked:,} bytes; the limit is {MAX_UNPACKED_BYTES:,}")
 
 
 def _read_columns(file: Any, names: list[str], source: str) -> Any:
-    """Return columns as a table, in pieces: a row group may claim to hold more rows than memory, and the footer few."""
+    """Return columns as a table, read in pieces: a row group may claim more rows than memory holds, the footer few."""
     pa = arrow()
     promised, batches, rows = file.metadata.num_rows, [], 0
-    # On this thread: Arrow's own take half as much time again in all, and get in the way of the other processes where
-    # many recordings are read at once.
+    # On this thread: Arrow's own threads take half as much time again in total, and compete with the other processes
+    # where many recordings are read at once.
     for batch in file.iter_batches(batch_size=ROWS_AT_ONCE, columns=names, use_threads=False):
         rows += len(batch)
         if rows > promised:
@@ -420,11 +419,11 @@ def _read_columns(file: Any, names: list[str], source: str) -> Any:
 
 
 def write_parquet(columns: Mapping[str, NDArray[Any]], path: Path) -> None:
-    """Write arrays of one length as a Parquet table that `read_parquet` gives back bit for bit; NaN stays NaN."""
+    """Write arrays of one length as a Parquet table that is read back bit for bit; NaN stays NaN."""
     pa = arrow()
     table = pa.table({name: pa.array(values) for name, values in columns.items()})
     with files.atomic_write(path) as part:
-        # With checksums, a bit that flips on a disk is an error when the table is read, not another number.
+        # With checksums, a bit error on a disk raises an error when the table is read, instead of another number.
         pa.parquet.write_table(table, part, compression="zstd", write_page_checksum=True)
 
 
@@ -448,7 +447,7 @@ def _column_nanoseconds(column: Any, name: str, source: str) -> IntArray:
         except pa.ArrowInvalid as error:
             raise InputError(source, "holds a time beyond 64 bits of nanoseconds", f"column {name}") from error
     seconds = _column_numbers(column)
-    # Whole seconds and the rest apart: their product with 1e9 together would lose the last digits of a late time.
+    # Whole seconds and the rest separately: multiplied by 1e9 together, late times would lose their last digits.
     whole = np.floor(seconds)
     usable = np.abs(whole) < np.iinfo(np.int64).max // NANOSECONDS_PER_SECOND
     if not usable.all():
