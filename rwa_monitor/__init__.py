@@ -1,9 +1,9 @@
 """Diagnosis of reaction wheels from their bearing friction, live on a bus and from recordings.
 
-Public are `__version__` and the names in `__all__` of `rwa_monitor.api`, which each comes from when it is asked for,
-those in `__all__` of `rwa_monitor.plot` for pictures, `read_results` of `rwa_monitor.batch.store`, and, to write an
-effect of one's own, `rwa_monitor.wheel.effects.base` and `register` of `rwa_monitor.wheel.effects.catalogue`. They
-change with a line in the changelog; everything else may change at any time.
+Public are `__version__` and the names in `__all__` of `rwa_monitor.api`, which are imported when first used, those in
+`__all__` of `rwa_monitor.plot` for pictures, `read_results` of `rwa_monitor.batch.store`, and, to write an effect of
+one's own, `rwa_monitor.wheel.effects.base` and `register` of `rwa_monitor.wheel.effects.catalogue`. A change of these
+is recorded in the changelog; everything else may change at any time.
 """
 
 from __future__ import annotations
@@ -21,14 +21,14 @@ if TYPE_CHECKING:
 
 
 def __getattr__(name: str) -> Any:
-    """Import the public names when they are asked for: the command's --help needs none of what is behind them."""
+    """Import a public name when it is first used: the command's --help needs none of the modules behind them."""
     if name == "__version__":
         return _build()
     if name == "plot":
         return import_module("rwa_monitor.plot")
     if name == "__all__":
         return [*import_module("rwa_monitor.api").__all__, "__version__", "plot"]
-    # Python looks here also for a module of the package that is imported by its name: of that nothing else is needed.
+    # Python also looks here for a module of the package that is imported by its name: the API is not needed for that.
     known = name.startswith("_") or find_spec(f"{__name__}.{name}")
     if not known and name in (api := import_module("rwa_monitor.api")).__all__:
         return getattr(api, name)
@@ -36,7 +36,7 @@ def __getattr__(name: str) -> Any:
 
 
 def __dir__() -> list[str]:
-    """Name what there is."""
+    """List the names of the package, the public ones included."""
     return sorted([*globals(), *__getattr__("__all__")])
 
 
@@ -44,14 +44,14 @@ def __dir__() -> list[str]:
 def _build() -> str:
     """Return the version of the installed package; between releases its local part names the commit.
 
-    It belongs to what nobody compares: `--version`, the settings of a recording, a report's foot. In diagnoses stands
-    the release alone (`rwa_monitor.words`), for their bytes must not differ from commit to commit.
+    It is used only in output that is not compared: `--version`, the settings of a recording, a report's foot. Diagnoses
+    give the release alone (`rwa_monitor.words`), because their bytes must not differ from commit to commit.
 
     Returns
     -------
     str
         `0.1.0` of a release; `0.1.0.post1.dev12+g8e3a56a12` of commit 8e3a56a12 (PEP 440, as setuptools-scm writes it),
-        `….d20261121` behind it if files were changed there; `….editable` behind it where the package was installed so
+        `….d20261121` appended if files were changed there; `….editable` appended where the package was installed so
         that its files can have changed since (PEP 610); `0+unknown` where it was not installed, only found on the path.
     """
     import json

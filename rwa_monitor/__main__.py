@@ -1,4 +1,4 @@
-"""`python -m rwa_monitor` is the command `rwa-monitor`, for where it is not on the path."""
+"""`python -m rwa_monitor` runs the command `rwa-monitor` where that is not on the path."""
 
 from rwa_monitor.cli.main import main
 

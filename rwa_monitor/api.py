@@ -1,4 +1,4 @@
-"""The public Python interface: what `import rwa_monitor` offers beside the command, in the order of the flow.
+"""The public Python interface of `import rwa_monitor`, in the order of the data flow.
 
 ```python
 import rwa_monitor as rwa
@@ -9,11 +9,11 @@ for diagnosis in rwa.diagnose(samples, wheel):
     print(diagnosis.verdict, diagnosis.reason)
 ```
 
-Everything here is thin: it reads files and calls the pure rooms, as the commands do. What it returns are the plain
-values of those rooms and the messages of the bus, so that a script, the command line and the bus give the same.
+Everything here is thin: it reads files and calls the pure packages, as the commands do. It returns the plain values of
+those packages and the messages of the bus, so that a script, the command line and the bus give the same results.
 
-While something here computes, linear algebra keeps to one thread (`threads.one_thread_of_algebra`): the same bytes on
-every machine, and several times faster.
+Functions here restrict linear algebra to one thread (`threads.one_thread_of_algebra`): the same bytes on every machine,
+and several times faster.
 """
 
 from __future__ import annotations
@@ -88,7 +88,7 @@ ANOMALY_FIELDS: Final = {"active", "probability", "severity", "estimate", "unit"
 Recordings = Samples | Sequence[Samples] | Mapping[str, Samples]
 
 
-# ---- in --------------------------------------------------------------------------------------------------------------
+# ---- telemetry, measured and simulated -------------------------------------------------------------------------------
 
 
 def read(
@@ -107,9 +107,9 @@ def read(
     telemetry_map
         For space packets and ROS 2 bags: the file that gives which parameter or topic is which channel.
     xtce
-        For space packets: the XTCE definition of what is in them.
+        For space packets: the XTCE definition of their content.
     wheel
-        For a run down with the motor off, and for a table of pulses: gives that it is one, and how many make a turn.
+        For a run-down with the motor off, and for a table of pulses: states the former, and the pulses per turn.
 
     Returns
     -------
@@ -124,7 +124,7 @@ def read(
     Warns
     -----
     UserWarning
-        Of columns that are ignored, and of bytes of a recording that could not be read.
+        About columns that are ignored, and parts of a recording that could not be read.
     """
     file = Path(path)
     content = read_telemetry(file, read_decoding(telemetry_map, xtce).of_wheel(wheel))
@@ -137,14 +137,14 @@ def read(
 def simulate(
     scenario: Scenario | PathLike | None = None, wheel: Wheel | None = None, *, seed: int | np.random.Generator = 0
 ) -> Telemetry:
-    """Simulate a wheel's telemetry together with its whole truth.
+    """Simulate a wheel's telemetry together with its complete ground truth.
 
     Parameters
     ----------
     scenario
-        What happens to the wheel, or a file of it; None: 10,000 s of a healthy wheel in orbit.
+        The scenario or its file; None: 10,000 s of a healthy wheel in orbit.
     wheel
-        What the wheel is; None: the built-in one.
+        The wheel; None: the built-in one.
     seed
         Seed or generator; the same seed gives the same bytes.
 
@@ -166,27 +166,27 @@ def simulate(
 
 
 class Monitor:
-    """The live monitor of one wheel without a bus: samples in, diagnoses out, in whatever cut the samples come.
+    """The live monitor of one wheel without a bus: samples in, diagnoses out, however the samples are batched.
 
     Parameters
     ----------
     wheel
         Its constants; None: the built-in wheel.
     model
-        What nominal and anomalous friction look like; None: the built-in model.
+        The learned model of nominal and anomalous friction; None: the built-in model.
     method
         "joint", or "paper" for the method of the paper.
     spacecraft, name
-        How the diagnoses name the wheel; `name` None: as the wheel file does.
+        Names of spacecraft and wheel in the diagnoses; `name` None: that in the wheel file.
     source
-        What the diagnoses give as `source`, as `diagnose` gives the file; None: nothing.
+        The field `source` of the diagnoses, which for the command `diagnose` is the file; None: no source.
     carried
-        What earlier windows showed of this wheel, from another monitor's `carried`; None: nothing.
+        State after earlier windows of this wheel, from another monitor's `carried`; None: no earlier windows.
 
     Raises
     ------
     InputError
-        If the wheel cannot be monitored: its windows overlap too often, or an effect of its cannot be built.
+        If the wheel cannot be monitored: its windows overlap too often, or one of its effects cannot be built.
     """
 
     def __init__(
@@ -216,12 +216,12 @@ class Monitor:
         Parameters
         ----------
         samples
-            Any number, in order of time; late and double ones are counted and left out.
+            Any number, in order of time; late and duplicate ones are counted and left out.
         publisher, batch
-            Who sent them and as which message, where that is known: gaps are then seen.
+            Sender and message number, where known: gaps are then detected.
         data
-            "stored" for a dump, which may be late and out of order; "live" (or "replay") beside it; None where all
-            come in order.
+            "stored" for a dump, which may be late and out of order; "live" (or "replay") for the other samples then;
+            None where all come in order.
 
         Raises
         ------
@@ -237,22 +237,22 @@ class Monitor:
 
     @property
     def carried(self) -> CarriedState:
-        """What the windows so far show of the wheel; the next monitor of this wheel may begin with it."""
+        """State after the windows so far; the next monitor of this wheel may begin with it."""
         return self._core.carried
 
     @property
     def counts(self) -> Mapping[str, int]:
-        """What became of every sample: received = used + masked + late + duplicate + rejected + queued."""
+        """Counts of samples by outcome: received = used + masked + late + duplicate + rejected + queued."""
         return asdict(self._core.counts)
 
     @property
     def why_masked(self) -> Mapping[str, int]:
-        """Why samples with good values were masked all the same, in words, and how many; nothing where none was."""
+        """Number of samples masked in spite of good values, by the reason in words; only reasons that occurred."""
         return {words: count for words, count in self._core.why_masked.items() if count}
 
     @property
     def troubles(self) -> list[str]:
-        """What concerns an operator in the samples so far, in words: the first of each kind."""
+        """Problems in the samples so far that concern an operator, in words: the first of each kind."""
         return list(self._troubles.values())
 
     def _messages(self, events: Sequence[Event]) -> list[Diagnosis]:
@@ -309,7 +309,7 @@ def frame(diagnoses: Iterable[Diagnosis]) -> DataFrame:
     Returns
     -------
     pandas.DataFrame
-        Units stand in the names of the columns; those of an anomaly begin with its name (`dry_probability`,
+        Column names contain the units; those of an anomaly begin with its name (`dry_probability`,
         `fss_1_active`), and `message` is the whole diagnosis as JSON. The same columns as `diagnose --results` keeps.
 
     Raises
@@ -323,7 +323,7 @@ def frame(diagnoses: Iterable[Diagnosis]) -> DataFrame:
 
 
 def diagnosis_row(diagnosis: Diagnosis) -> dict[str, Any]:
-    """Return one window as a row; `message` is the whole of it, as `diagnose --json` prints it.
+    """Return one diagnosis as a row; `message` is the whole of it, as `diagnose --json` prints it.
 
     Columns of an anomaly begin with its name: `dry_probability`, `fss_1_active`, …
     """
@@ -346,7 +346,7 @@ def diagnosis_row(diagnosis: Diagnosis) -> dict[str, Any]:
 
 
 def replay(recordings: PathLike | Sequence[PathLike]) -> Report:
-    """Make every decision of a recording of `run` again, and compare; the same as `rwa-monitor replay --verify`.
+    """Compute every decision of a recording of `run` again, and compare; the same as `rwa-monitor replay --verify`.
 
     Parameters
     ----------
@@ -356,7 +356,7 @@ def replay(recordings: PathLike | Sequence[PathLike]) -> Report:
     Returns
     -------
     Report
-        `.short()` is it in a line; `.equal`, `.bytes_equal`, `.differences` and `.unreadable` for a script.
+        `.short()` is a summary in one line; `.equal`, `.bytes_equal`, `.differences` and `.unreadable` for a script.
 
     Raises
     ------
@@ -377,16 +377,16 @@ def identify(recordings: Recordings, start: Wheel | None = None, *, systems: boo
     Parameters
     ----------
     recordings
-        One recording, or several of one wheel; with names for the messages where it is a mapping.
+        One recording, or several of one wheel; a mapping gives their names in messages.
     start
-        What is known already: name, sample period, motor constants, limits. None: the sample period of the recordings.
+        Values known already: name, sample period, motor constants, limits. None: the sample period of the recordings.
     systems
         False: nominal friction and noise only, for short recordings.
 
     Returns
     -------
     Learned
-        `.wheel`, whose `to_toml()` is the wheel file, and `.notes`: what its values rest on, with uncertainties.
+        `.wheel`, whose `to_toml()` is the wheel file, and `.notes`: the basis of its values, with uncertainties.
 
     Raises
     ------
@@ -406,21 +406,21 @@ def find_discrepancy(
     threads: int = 1,
     held_out: Recordings = (),
 ) -> Search:
-    """Find what the simulation of a wheel gets wrong, name the cause, extend the model and measure the gain.
+    """Find where the simulation of a wheel is wrong, name the cause, extend the model and measure the gain.
 
     Parameters
     ----------
     recordings
-        One recording, or several of one wheel for one joint answer; with names for the messages where it is a mapping.
+        One recording, or several of one wheel for one joint answer; a mapping gives their names in messages.
     wheel
         The simulation: constants, nominal friction, effects known already. None: the built-in wheel.
     progress
-        Called with a word on each step.
+        Called with a text on each step.
     threads
-        How many candidates are tried at a time; the answer does not depend on it.
+        Number of candidates tried at a time; the answer does not depend on it.
     held_out
-        Further recordings of the wheel, on which nothing is searched or fitted: the gain is measured on them. None:
-        on blocks of the recordings, left out in turn.
+        Further recordings of the wheel, on which nothing is searched or fitted: the gain is measured on them. If there
+        are none, on blocks of the recordings, left out in turn.
 
     Returns
     -------
@@ -439,7 +439,7 @@ def find_discrepancy(
 
 
 def _named(recordings: Recordings, word: str = "recording") -> list[tuple[str, Samples]]:
-    """Return recordings with names; those that have none are numbered. Raises InputError where there is none."""
+    """Return recordings with names; those without a name are numbered. Raise InputError if there are no recordings."""
     if not recordings:
         raise InputError("recordings", "none given; one is needed")
     if isinstance(recordings, Mapping):

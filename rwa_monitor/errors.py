@@ -1,4 +1,4 @@
-"""Errors that a user can act on: one clear line, its exit code, and what an unknown name was probably meant to be."""
+"""Errors that a user can act on: one clear line, its exit code, and a suggestion for an unknown name."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ if TYPE_CHECKING:
     from pydantic import BaseModel, ValidationError
 
 MAX_PART: Final = 500  # characters of the place of an error, and of its reason
-# Of `difflib`, from 0 to 1. At its own 0.6 a key of another unit or meaning passes for a misspelt one.
+# Cutoff for `difflib`, from 0 to 1. At its default of 0.6 a key of another unit or meaning counts as a misspelt one.
 LIKENESS: Final = 0.7
 
 
@@ -24,7 +24,7 @@ class MissingExtraError(RwaMonitorError):
 
 @contextmanager
 def needs_extra(extra: str) -> Iterator[None]:
-    """Raise MissingExtraError where an import in the block fails: what it takes belongs to this extra."""
+    """Raise MissingExtraError where an import in the block fails: the package belongs to this extra."""
     try:
         yield
     except ImportError as error:
@@ -54,9 +54,9 @@ class InputError(RwaMonitorError):
     def of_validation(
         cls, source: str, error: ValidationError, place: str = "", what: str = "", model: type[BaseModel] | None = None
     ) -> InputError:
-        """Return the first thing that a pydantic model found wrong, with the field it is in.
+        """Return the first error that a pydantic model found, with its field.
 
-        A key that is not known goes before what is missing: it may be that one, misspelt.
+        An unknown key takes precedence over a missing one: it may be that one, misspelt.
 
         Parameters
         ----------
@@ -65,11 +65,11 @@ class InputError(RwaMonitorError):
         error
             What pydantic raised.
         place
-            Where no field is to blame but the whole.
+            Used where the error is of no field but of the whole.
         what
-            Words before the reason, such as "is no model: ".
+            Text before the reason, such as "is no model: ".
         model
-            Where it is given, a key that is not known is reported with the one that is nearest.
+            If given, an unknown key is reported with the most similar known one.
         """
         found = error.errors(include_url=False, include_context=False)
         first = next((one for one in found if one["type"] == "extra_forbidden"), found[0])
@@ -81,12 +81,12 @@ class InputError(RwaMonitorError):
         return cls(source, f"{what}{first['msg']}", ".".join(str(part) for part in first["loc"]) or place)
 
     def __reduce__(self) -> tuple[type[InputError], tuple[str, str, str]]:
-        """Keep all three parts when the error crosses a process border."""
+        """Keep all three parts when the error is pickled, to cross a process border."""
         return (InputError, (self.source, self.reason, self.place))
 
 
 def _shortened(text: str) -> str:
-    """Return a text, cut where it is long: what is wrong may be a name of a million characters."""
+    """Return a text, cut where it is long: the wrong name may have a million characters."""
     return text if len(text) <= MAX_PART else f"{text[: MAX_PART - 1]}…"
 
 
@@ -99,18 +99,18 @@ def _one_line(text: str) -> str:
 
 
 def did_you_mean(name: str, known: Iterable[str]) -> str:
-    """Return "; did you mean 'x'?" with the known name that is nearest, "" where none is near.
+    """Return "; did you mean 'x'?" with the most similar known name, "" where none is similar enough.
 
     Parameters
     ----------
     name
-        What somebody wrote.
+        The unknown name.
     known
-        All that could have been written there.
+        All names that are allowed there.
     """
-    if len(name) > MAX_PART:  # none of ours, and comparing takes the square of its length
+    if len(name) > MAX_PART:  # no known name is that long, and comparing takes the square of its length
         return ""
-    # Here: it takes as long to load as all else that --help needs.
+    # Imported here: it takes as long to load as everything else that --help needs.
     from difflib import get_close_matches  # noqa: PLC0415
 
     by_lower = {one.lower(): one for one in known}

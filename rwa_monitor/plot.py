@@ -1,7 +1,7 @@
 """The main pictures, as matplotlib figures: `rwa_monitor.plot.window(samples, diagnosis).savefig("window.png")`.
 
-Figures are made without a display and without pyplot: nothing is shown, nothing global is touched, and a notebook shows
-what it is given. Colours are apart for colour-blind eyes, and no picture relies on colour alone.
+Figures are made without a display and without pyplot: nothing is shown, no global state is changed, and a notebook
+shows the figure that is returned. Colours suit colour-blind readers, and no picture relies on colour alone.
 """
 
 from typing import Any, Final
@@ -28,14 +28,14 @@ GROUND: Final = "0.6"
 
 
 def window(samples: Samples, diagnosis: Diagnosis, wheel: Wheel | None = None) -> Figure:
-    """Draw one window as the diagnosis takes it: speed; friction with its jumps; what each switching system did.
+    """Draw one window as diagnosed: speed; friction with its jumps; friction of each switching system.
 
     Parameters
     ----------
     samples
-        Telemetry that covers the window, n samples; more may be in it.
+        Telemetry that covers the window, n samples; it may be longer.
     diagnosis
-        Of that window.
+        The diagnosis of that window.
     wheel
         The wheel it was diagnosed with, for friction that is derived from current; None: the built-in wheel.
 
@@ -79,7 +79,7 @@ def _minutes(time_ns: Any, diagnosis: Diagnosis) -> Any:
 
 
 def _without_viscous(friction_Nm: FloatArray, speed_rad_s: FloatArray, diagnosis: Diagnosis) -> FloatArray:
-    """Return friction along the motion without its viscous part [N m], NaN where the wheel stands."""
+    """Return friction along the motion without its viscous part [N m], NaN at zero speed."""
     viscous = diagnosis.friction.viscous.value or 0.0
     direction = np.sign(speed_rad_s)
     dry = direction * (friction_Nm - viscous * speed_rad_s)

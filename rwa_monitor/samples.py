@@ -1,6 +1,6 @@
 """Samples: one wheel's telemetry as a struct of arrays, in SI units; and the slot grid, to which each sample belongs.
 
-Every room of the program passes telemetry on in this form. Time is int64 nanoseconds of the wheel's own clock, all
+Every package of the program passes telemetry on in this form. Time is int64 nanoseconds of the wheel's own clock, all
 other channels are float64 with NaN where a value was not measured. A channel that was not measured at all is None.
 """
 
@@ -20,8 +20,8 @@ from rwa_monitor.errors import InputError
 NANOSECONDS_PER_SECOND: Final = int(constants.giga)
 SECONDS_PER_HOUR: Final = constants.hour
 SECONDS_PER_DAY: Final = constants.day
-TINY: Final = 1e-300  # of what is divided by
-# Of samples: sent as they are measured, kept before and sent in any order, or of a recording that is played again.
+TINY: Final = 1e-300  # smallest divisor
+# How samples are sent: as they are measured, stored first and sent in any order, or replayed from a recording.
 Timeliness = Literal["live", "stored", "replay"]
 
 
@@ -38,7 +38,7 @@ def _decoded(kind: str, value: object) -> NDArray[Any]:
     return array.astype(kind)
 
 
-# In JSON, where a state is kept and nobody reads the numbers: little-endian bytes in base64.
+# In JSON, which stores states whose numbers nobody reads: little-endian bytes in base64.
 FloatArray = Annotated[NDArray[np.float64], PlainValidator(partial(_decoded, "f8")), PlainSerializer(_encoded)]
 IntArray = Annotated[NDArray[np.int64], PlainValidator(partial(_decoded, "i8")), PlainSerializer(_encoded)]
 BoolArray = NDArray[np.bool_]
@@ -84,7 +84,7 @@ class Samples:
     drive_power_W: FloatArray | None = None
 
     def __post_init__(self) -> None:
-        """Bring every channel to its one type and check that all have one length."""
+        """Convert every channel to its type and check that all have the same length."""
         for name, given in self.channels():
             values = np.ascontiguousarray(given, dtype=np.int64 if name == "time_ns" else np.float64)
             object.__setattr__(self, name, values)
@@ -148,10 +148,10 @@ def concatenate(parts: list[Samples]) -> Samples:
 # `samples` consecutive slots; the next one begins `hop` slots later. All in integer arithmetic, so that live and batch
 # agree to the last bit.
 
-# Times that the arithmetic below holds in 64 bits for any two of them: 1954 to 2096, if the clock counts from 1970.
+# Times for which the arithmetic below does not overflow 64 bits: 1954 to 2096, if the clock counts from 1970.
 MIN_TIME_NS: Final = -500_000_000_000_000_000
 MAX_TIME_NS: Final = 4_000_000_000_000_000_000
-MIN_PERIOD_NS: Final = 1_000  # 1 MHz: faster sampling than any wheel's electronics gives is a wrong unit
+MIN_PERIOD_NS: Final = 1_000  # 1 MHz: no wheel's electronics sample faster, so the unit must be wrong
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,7 +1,7 @@
-"""How much of the machine is ours, and work side by side on threads, where arrays and kernels release the interpreter.
+"""Usable processors, and parallel work on threads, for arrays and kernels that release the interpreter lock.
 
-And linear algebra on one thread: our matrices are small, threads would only wait for each other, and the order of sums,
-so the last bit, would depend on how many there are.
+Linear algebra runs on one thread: the matrices here are small, threads would only wait for each other, and the order of
+sums, so the last bit, would depend on their number.
 """
 
 from __future__ import annotations
@@ -23,17 +23,17 @@ Result = TypeVar("Result")
 
 
 def cores() -> int:
-    """Return how many processors can work at once here, by the system and the limit of a container."""
-    from joblib import cpu_count  # noqa: PLC0415 - not on board, where nothing is done side by side
+    """Return how many processors can be used at once, by the system and the limit of a container."""
+    from joblib import cpu_count  # noqa: PLC0415 - not installed on board, where nothing runs in parallel
 
     return int(cpu_count())
 
 
 def on_threads(threads: int) -> Mapper:
-    """Return a way to apply a function to many items on so many threads, values in the order of the items.
+    """Return a function that applies a function to many items on so many threads, values in the order of the items.
 
-    Each value depends on its item alone: the number of threads changes the time, never the answer. Where a function
-    that is applied so applies another, that one is applied in turn: there are never more threads than these.
+    Each value depends on its item alone: the number of threads changes the time, never the answer. Nested calls run
+    serially within their thread, so that there are never more threads than these.
     """
     thread = local()
 
@@ -51,10 +51,10 @@ def on_threads(threads: int) -> Mapper:
 
 @contextmanager
 def one_thread_of_algebra() -> Iterator[None]:
-    """Keep linear algebra (BLAS) to one thread in a block, or, as a decorator, in a function.
+    """Limit linear algebra (BLAS) to one thread in a block, or, as a decorator, in a function.
 
-    The number of threads belongs to the process: other work of the process is held to one as well until the last such
-    block ends; then it has as many as before. Costs some 10 µs.
+    The number of threads is a setting of the process: its other work is limited to one as well until the last such
+    block ends; then the number is restored. Takes some 10 µs.
     """
     with _lock:
         _blocks.append(None if _blocks else _libraries().limit(limits=1, user_api="blas"))
@@ -68,14 +68,14 @@ def one_thread_of_algebra() -> Iterator[None]:
                 limit.restore_original_limits()
 
 
-# Of the process: the limit that the first block set, and an entry for each that began while it, or another, runs.
+# State of the process, an entry per running block: the first holds the limit that was set, the others None.
 _blocks: Final[list[Any]] = []
 _lock: Final = Lock()
 
 
 @cache
 def _libraries() -> ThreadpoolController:
-    """Return the libraries of linear algebra that are loaded; looked for once, which takes 10 ms."""
-    import scipy.linalg  # noqa: F401, PLC0415  (brings one beside numpy's)
+    """Return the libraries of linear algebra that are loaded; searched once, which takes 10 ms."""
+    import scipy.linalg  # noqa: F401, PLC0415  (loads one in addition to numpy's)
 
     return ThreadpoolController()

@@ -1,4 +1,4 @@
-"""How the program names itself in what it writes, and how times, counts and lists are written for a person.
+"""The name of the program in its output, and text for times, counts and lists.
 
 The version of the installed package, which names the commit it was built from, is `rwa_monitor.__version__`.
 """
@@ -10,12 +10,12 @@ import numpy as np
 
 from rwa_monitor.samples import NANOSECONDS_PER_SECOND
 
-# In what must be the same bytes wherever and whenever it is made: the release whose numbers these are. Raised by hand
-# with a release that changes a diagnosis. The version of the package counts commits and does not belong there: it would
-# make equal diagnoses differ.
+# The release that computed a result, for output that must be the same bytes wherever and whenever it is made. Raised by
+# hand with a release that changes a diagnosis. The package's version is not used there: it counts commits, so that
+# equal diagnoses would differ.
 RELEASE: Final = "0.1.0"
 SOFTWARE: Final = f"rwa-monitor {RELEASE}"
-# A clock with less does not count from 1970, so that it gives no UTC.
+# A clock with an earlier time is taken not to count from 1970, and so not to give UTC.
 FIRST_UTC_NS: Final = int(np.datetime64("1990", "ns").astype(np.int64))
 Log = Callable[[str], None]  # takes a line of a log
 FEW: Final = 8  # names in one line
