@@ -159,12 +159,12 @@ def _slope_deviations(evidence: Evidence, estimate: Estimate) -> tuple[FloatArra
     n = np.maximum(count, 1.0)
     spread, cross = xx - x * x / n, xz - x * z / n
     # The speed must vary within the interval by more than rounding, or rounding is taken for a slope.
-    shown = (count >= MIN_INTERVAL) & (spread > SMALLEST_SPREAD * np.maximum(xx, TINY))
-    if np.count_nonzero(shown) < 2 or not variance > 0.0:
+    valid = (count >= MIN_INTERVAL) & (spread > SMALLEST_SPREAD * np.maximum(xx, TINY))
+    if np.count_nonzero(valid) < 2 or not variance > 0.0:
         return np.zeros(0), np.zeros(0)
-    spread, cross = spread[shown], cross[shown]
+    spread, cross = spread[valid], cross[valid]
     deviation = (cross / spread - cross.sum() / spread.sum()) * np.sqrt(spread / variance)
-    return np.asarray(deviation), np.asarray((x / n)[shown])
+    return np.asarray(deviation), np.asarray((x / n)[valid])
 
 
 # ---- sides -----------------------------------------------------------------------------------------------------------
@@ -272,9 +272,9 @@ def ripple_finding(evidence: Evidence) -> Adequacy | None:
     ripple = evidence.structure.ripple
     if len(ripple) == 0:
         return None
-    shown = np.isfinite(ripple)
-    power = np.where(shown, np.minimum(ripple, RIPPLE_CAP), 0.0).sum(axis=0)
-    over_chance = power / _ripple_by_chance(*ripple.shape)[np.count_nonzero(shown, axis=0)]
+    valid = np.isfinite(ripple)
+    power = np.where(valid, np.minimum(ripple, RIPPLE_CAP), 0.0).sum(axis=0)
+    over_chance = power / _ripple_by_chance(*ripple.shape)[np.count_nonzero(valid, axis=0)]
     strongest = int(np.argmax(over_chance))
     # The least allowance is tested first: it nearly always decides, and the spectrum need not be computed.
     found, (least, most) = over_chance[strongest], RIPPLE_COLOUR
@@ -284,10 +284,10 @@ def ripple_finding(evidence: Evidence) -> Adequacy | None:
 
 
 @functools.lru_cache(maxsize=256)
-def _ripple_by_chance(stretches: int, harmonics: int) -> FloatArray:
-    """Return the summed power that white noise exceeds in any harmonic with `RIPPLE_CHANCE`; over 0 … stretches."""
-    shown = np.arange(stretches + 1)
-    return np.asarray(special.chdtri(2.0 * np.maximum(shown, 1), RIPPLE_CHANCE / harmonics))
+def _ripple_by_chance(segments: int, harmonics: int) -> FloatArray:
+    """Return the power, summed over 0 … segments, that white noise exceeds in any harmonic with `RIPPLE_CHANCE`."""
+    valid = np.arange(segments + 1)
+    return np.asarray(special.chdtri(2.0 * np.maximum(valid, 1), RIPPLE_CHANCE / harmonics))
 
 
 def _spectral_peak(autocovariance: FloatArray) -> float:
@@ -389,7 +389,7 @@ def _ar_block_correlation(phi: float, size: int, lag: int) -> float:
 COMPARABLE: Final = 0.5  # share of the best shape's decrease of χ² from which another shape counts too
 LONG_INTERVAL: Final = 0.01  # of the window: the lowest level is that of an interval at least as long
 CREDIBLE_SIZE: Final = 0.5  # of the least friction of its configuration: a sojourn with less is not credible
-SMALL_SHARE: Final = 0.3  # of a system's sojourns: with so many not credible, its rests are not credible either
+SMALL_SHARE: Final = 0.3  # of a system's sojourns: if this share is not credible, its rests are not either
 LONGEST_AWAKE: Final = 4.0  # multiple of the mean time above q = 0 for which a system may well not rest
 STRIBECK_SPEEDS: Final = (0.03, 0.1, 0.3)  # of the nominal speed: the catalogue's 1 … 100 rad/s at 300 rad/s
 # SKF's exponent, near Palmgren's 2/3, and the ends of the catalogue's range: the nearer to 1, the more of such a drag

@@ -192,7 +192,7 @@ class Judged:
     informative
         Whether this window, or recent ones, can detect it at all; otherwise the probability is that before the window.
     unlike
-        Whether what was seen is unlike everything learned, nominal or anomalous.
+        Whether its values are unlike everything learned, nominal or anomalous.
     leans
         Whether the judgement relies on earlier windows, this one alone not deciding it.
     known

@@ -100,7 +100,7 @@ def explain(findings: Findings, verdict: Verdict, reason: str) -> str:
 
 
 def viscous_spread(wheel: Wheel) -> str:
-    """Return a sentence on what a temperature would add, where viscous friction is judged by its spread; else ""."""
+    """Return a sentence on the use of a temperature, where viscous friction is judged by its spread; else ""."""
     spread = wheel.nominal.viscous_spread if wheel.nominal else None
     if not spread:
         return ""

@@ -172,7 +172,7 @@ def log_probability(
     Parameters
     ----------
     system, first
-        Its laws, and what is known of its first sojourn.
+        The system, and its first sojourn as known from earlier windows.
     configurations, starts
         int64 (sojourns,), see `stage_results.Assignment`.
     slots

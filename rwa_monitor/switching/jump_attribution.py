@@ -49,8 +49,8 @@ QUICK: Final = (2, 12)
 THOROUGH: Final = (12, 64)
 KEPT_STARTS: Final = 2
 CONVERGED: Final = 0.01  # of the log-likelihood
-# Priors as pseudo-observations: so many sojourns with that sigma, so many sizes with that relative spread. SIGMAS are
-# the bounds of sigma: a law neither as sharp as a clock nor broader than a decade.
+# Priors as pseudo-observations: PRIOR_SOJOURNS sojourns of width PRIOR_SIGMA (of the log duration), PRIOR_SIZES sizes
+# of relative spread PRIOR_SPREAD. SIGMAS bound the width: a law neither as sharp as a clock nor broader than a decade.
 PRIOR_SOJOURNS: Final = 2.0
 PRIOR_SIGMA: Final = 0.7
 PRIOR_SIZES: Final = 0.5
@@ -225,7 +225,7 @@ def attribute_jumps(records: Sequence[Segments], base: float) -> JumpAttribution
 
 
 def _first_of(records: Sequence[Segments], jumps: int) -> list[Segments]:
-    """Return the first records that together have so many jumps, the last of them cut; or all."""
+    """Return the first records that together have `jumps` jumps, the last of them cut; or all records."""
     first: list[Segments] = []
     for one in records:
         segments = min(one.level.size, jumps + 1)

@@ -43,7 +43,7 @@ class Turning(NamedTuple):
     breaks: int
 
     def in_words(self, pulses: int, pulses_per_turn: int) -> str:
-        """Return a sentence on how so many pulses were used."""
+        """Return a sentence on the speed from this number of pulses, and on their irregularities."""
         odd = [f"{self.missed} missed"] * bool(self.missed) + [f"{self.phantom} phantom"] * bool(self.phantom)
         odd += [counted(self.breaks, "break")] * bool(self.breaks)
         return (

@@ -54,7 +54,7 @@ MAX_XTCE_BYTES: Final = 4_000_000  # the telemetry of a whole satellite has some
 
 
 class SampleBatch(NamedTuple):
-    """Samples that came together; publisher, batch number and data as in the message, where they came as one."""
+    """Samples that came together; publisher, batch number and data as in their message, where they came in one."""
 
     samples: Samples
     publisher: str = ""
