@@ -1,13 +1,13 @@
 """Fit of a model with unknown jumps: y = s·level(t) + Σ coefficient · column + noise, level piecewise constant.
 
-The sign is folded in: with z = s·y and columns s·φ, z = level(t) + Σ coefficient · column + noise in both directions.
-Fitting alternates exact segmentation of what the columns leave (FPOP) with least squares for the coefficients shared
-by all segments, and minimises the penalised criterion
+Both sides are multiplied by the direction s: with z = s·y and columns s·φ, z = level(t) + Σ coefficient · column +
+noise in both directions. Fitting alternates exact segmentation of the residual of the columns (FPOP) with least
+squares for the coefficients, which all segments share, and minimises the penalised criterion
 
     J = RSS/σ² + 3 log N · jumps
 
-σ² is the largest variance that a mean of this noise shows at any length, times that length, so that coloured noise
-does not pass for jumps.
+σ² is the long-run variance of the noise: the largest variance of a mean of m samples, times m, over all m. With it,
+autocorrelated noise is not mistaken for jumps.
 """
 
 from __future__ import annotations
@@ -36,17 +36,17 @@ from rwa_monitor.samples import TINY, FloatArray, IntArray
 from rwa_monitor.wheel.torque_balance import averaging_taps
 from rwa_monitor.wheel.wheel import Wheel
 
-JUMP_PENALTY: Final = 3.0  # times log N, for place, size and sign of a jump (Zhang & Siegmund 2007 gives 3/2 · 2)
-# Alternations of segmentation and least squares. Jumps are dear at first, so that only true ones are made while the
-# coefficients are still off, and what the columns ought to explain is not cut into steps.
+JUMP_PENALTY: Final = 3.0  # times log N, for position, size and sign of a jump (Zhang & Siegmund 2007 gives 3/2 · 2)
+# Factors of the jump penalty in successive alternations of segmentation and least squares. They are large at first, so
+# that contributions of the columns are not fitted by jumps while the coefficients are still inaccurate.
 ANNEALING: Final = (8.0, 3.0, 1.0, 1.0, 1.0, 1.0)
 CONVERGED: Final = 0.1  # change of the criterion
 TUKEY: Final = 4.685  # scales of the residual: 95 % efficient for Gaussian noise (Huber, Robust Statistics, 1981)
 MIN_USED: Final = 30  # fewer moving samples cannot separate a law of the speed from their noise
 HEAVY_SHARE: Final = 1e-3  # of samples beyond four standard deviations; Gaussian noise has 6e-5
-AT_CROSSING: Final = 4  # samples: there an offset looks like a jump
-NEAR_CROSSING: Final = 20  # samples: bristles and balls take a few slots to turn over
-LONG_LAG_SHARE: Final = 0.02  # of the record: a lag of a few per cent of a sojourn or more
+AT_CROSSING: Final = 4  # samples: that close to a reversal an offset is mistaken for a jump
+NEAR_CROSSING: Final = 20  # samples around a reversal: bristles and balls take a few slots to reverse
+LONG_LAG_SHARE: Final = 0.02  # of the record: the lag of differences, a few per cent of a sojourn or more
 
 
 @dataclass(frozen=True, slots=True)
@@ -99,10 +99,10 @@ def make_problem(records: Sequence[Record], wheel: Wheel, each: Mapper = in_turn
     if any(record.friction_is_derived for record in records):
         taps = speed_noise_taps(wheel)
         problem = replace(problem, derivative_taps=taps, averaging_taps=averaging_taps(wheel))
-    # In a short record the slope alone, as fast as the motion, would pass for coloured noise, and hide every jump.
+    # In a short record viscous friction would be mistaken for autocorrelated noise, and hide every jump.
     slope = robust_coefficients(problem, speed[:, None])[0]
     problem = with_noise_of(problem, z - slope * speed)
-    # From what a first fit leaves, not from the signal.
+    # The noise is estimated from the residual of a first fit, not from the signal.
     problem = with_noise_of(problem, fit(problem).residual)
     problem = _clip(problem)
     problem = with_noise_of(problem, fit(problem).residual)
@@ -110,10 +110,9 @@ def make_problem(records: Sequence[Record], wheel: Wheel, each: Mapper = in_turn
 
 
 def _memory(problem: Problem) -> float:
-    """Return the long-run over the single variance of derived friction: as it is seen, but not above the filter's.
+    """Return the ratio of long-run variance to variance of derived friction: as estimated, at most that of the filter.
 
-    Where the noise of the torque is more than that of the slope, the filter does not show; more than it is a law that
-    is missing.
+    It is smaller where the noise of the torque exceeds that of dω/dt. A larger estimate is due to a missing law.
     """
     taps = problem.derivative_taps
     covariance = np.correlate(taps, taps, "full")[taps.size - 1 :]
@@ -132,9 +131,9 @@ def with_noise_of(problem: Problem, residual: FloatArray) -> Problem:
 
 
 def _clip(problem: Problem) -> Problem:
-    """Pull in outliers if they are more than Gaussian noise and a few very short sojourns would give.
+    """Clip outliers if they are more than Gaussian noise and a few very short sojourns would give.
 
-    Tails are everywhere: what stands out only around a change of direction is friction, and is left as it is.
+    Heavy tails occur at all speeds. Outliers near a change of direction may be friction, and are left unchanged.
     """
     far = problem.to_reversal > NEAR_CROSSING
     slope = fit(problem).coefficients[0] * problem.speed
@@ -156,26 +155,26 @@ def fit(problem: Problem, columns: FloatArray | None = None) -> Fit:
     problem
         The data.
     columns
-        float64 (n, p), columns already multiplied by s.
+        float64 (n, p), already multiplied by s.
     """
     design = problem.speed[:, None] if columns is None else np.column_stack([problem.speed, columns])
-    coefficients, best, least, previous = robust_coefficients(problem, design), None, np.inf, np.inf
-    for dear in ANNEALING:
-        jumps = segment_records(problem, problem.z - design @ coefficients, dear * jump_price(problem))
+    coefficients, best, lowest, previous = robust_coefficients(problem, design), None, np.inf, np.inf
+    for factor in ANNEALING:
+        jumps = segment_records(problem, problem.z - design @ coefficients, factor * jump_price(problem))
         coefficients = least_squares(problem, design, jumps)
-        fitted = _finish(problem, design, coefficients, jumps)
-        reached = criterion(problem, fitted)
-        if reached < least:
-            best, least = fitted, reached
-        if dear == 1.0 and previous - reached < CONVERGED:
+        fitted = _with_levels(problem, design, coefficients, jumps)
+        value = criterion(problem, fitted)
+        if value < lowest:
+            best, lowest = fitted, value
+        if factor == 1.0 and previous - value < CONVERGED:
             break
-        previous = reached
+        previous = value
     assert best is not None
     return best
 
 
 def jump_price(problem: Problem) -> float:
-    """Return what a jump must lower the sum of squares by [N² m²]."""
+    """Return the smallest decrease of the sum of squares for which a jump is accepted [N² m²]."""
     return JUMP_PENALTY * problem.log_size * problem.noise.long_run_variance
 
 
@@ -185,7 +184,7 @@ def criterion(problem: Problem, fitted: Fit) -> float:
 
 
 def segment_starts(problem: Problem, jumps: IntArray) -> IntArray:
-    """Return the first joined index of every segment: those after jumps and those at the start of a record."""
+    """Return the first joined index of every segment; segments begin at jumps and at the start of a record."""
     return np.unique(np.concatenate([problem.starts[:-1][np.diff(problem.starts) > 0], jumps]))
 
 
@@ -199,16 +198,16 @@ def remove_levels(values: FloatArray, first: IntArray) -> FloatArray:
 
 
 def least_squares(problem: Problem, design: FloatArray, jumps: IntArray) -> FloatArray:
-    """Return the least-squares coefficients for given jumps, levels eliminated."""
+    """Return the least-squares coefficients for given jumps, with the levels eliminated."""
     first = segment_starts(problem, jumps)
     inner = remove_levels(design, first)
-    return _solved(problem, inner.T @ inner, inner.T @ remove_levels(problem.z, first))
+    return _solve_normal_equations(problem, inner.T @ inner, inner.T @ remove_levels(problem.z, first))
 
 
-def _solved(problem: Problem, gram: FloatArray, moment: FloatArray) -> FloatArray:
-    """Solve the normal equations; the first coefficient, of viscous friction, is bounded from below by the problem."""
+def _solve_normal_equations(problem: Problem, gram: FloatArray, moment: FloatArray) -> FloatArray:
+    """Solve the normal equations; the first coefficient, of viscous friction, is at least `problem.lowest_viscous`."""
     scale = np.sqrt(np.maximum(gram.diagonal(), TINY))
-    # A prior on the slope as weak as one sample at the largest speed: it decides only where the data cannot.
+    # A prior on the slope with the weight of 1/1000 sample at the largest speed: it decides only where the data cannot.
     if problem.nominal_viscous is not None:
         weight = problem.top_speed**2 * 1e-3
         gram, moment = gram.copy(), moment.copy()
@@ -225,7 +224,7 @@ def _solved(problem: Problem, gram: FloatArray, moment: FloatArray) -> FloatArra
 
 
 def robust_coefficients(problem: Problem, design: FloatArray) -> FloatArray:
-    """Return start coefficients from differences over a long lag, in which jumps are outliers (Tukey's loss)."""
+    """Return initial coefficients from differences over a long lag, in which jumps are outliers (Tukey's loss)."""
     lag = max(int(LONG_LAG_SHARE * problem.size / len(problem.records)), 8)
     record = np.searchsorted(problem.starts, np.arange(problem.size), side="right")
     same = record[lag:] == record[:-lag]
@@ -236,7 +235,7 @@ def robust_coefficients(problem: Problem, design: FloatArray) -> FloatArray:
     coefficients = np.zeros(design.shape[1])
     for _ in range(12):
         weighted = rise * weight[:, None]
-        coefficients = _solved(problem, rise.T @ weighted, weighted.T @ z)
+        coefficients = _solve_normal_equations(problem, rise.T @ weighted, weighted.T @ z)
         residual = z - rise @ coefficients
         scale = max(float(np.median(np.abs(residual))) / 0.6745, TINY)
         weight = np.square(np.maximum(1.0 - np.square(residual / (TUKEY * scale)), 0.0))
@@ -244,7 +243,7 @@ def robust_coefficients(problem: Problem, design: FloatArray) -> FloatArray:
 
 
 def _sharp_jumps(problem: Problem, fitted: Fit, reach: int = 48, threshold: float = 30.0) -> IntArray:
-    """Return the jumps that are steps at close range too, not pieces of a smooth change cut into steps."""
+    """Return the jumps that are significant over `reach` samples on each side, not parts of a smooth change."""
     kept = []
     values = fitted.level + fitted.residual
     borders = np.concatenate([problem.starts, fitted.jumps])
@@ -259,7 +258,7 @@ def _sharp_jumps(problem: Problem, fitted: Fit, reach: int = 48, threshold: floa
 
 
 def jump_sets(problem: Problem, fitted: Fit) -> list[IntArray]:
-    """Return the fitted jumps, subsets of them that a missing effect may have had no hand in, and the strong ones."""
+    """Return the fitted jumps, subsets of them that a missing effect is unlikely to cause, and the strong jumps."""
     sets = [fitted.jumps]
     off_crossings = fitted.jumps[problem.to_reversal[fitted.jumps] > AT_CROSSING]
     strong = strong_jumps(problem, fitted.level + fitted.residual)
@@ -270,27 +269,27 @@ def jump_sets(problem: Problem, fitted: Fit) -> list[IntArray]:
 
 
 def strong_jumps(problem: Problem, values: FloatArray) -> IntArray:
-    """Return the jumps of values [N m] that are worth many times their price: what no smooth effect makes."""
+    """Return the jumps of values [N m] under ANNEALING[0] times the penalty: smooth effects do not cause them."""
     return segment_records(problem, values, ANNEALING[0] * jump_price(problem))
 
 
 def levels(problem: Problem, values: FloatArray, jumps: IntArray) -> FloatArray:
-    """Return the piecewise constant levels between jumps, float64 (n,) [N m]."""
+    """Return the mean of values in each segment between jumps, float64 (n,) [N m]."""
     return values - remove_levels(values, segment_starts(problem, jumps))
 
 
 def strong_level(problem: Problem, level: FloatArray) -> FloatArray:
-    """Return a level, float64 (n,), with only its strong jumps left [N m]."""
+    """Return a level, float64 (n,), reduced to its strong jumps [N m]."""
     return levels(problem, level, strong_jumps(problem, level))
 
 
 def segment_records(problem: Problem, values: FloatArray, penalty: float) -> IntArray:
-    """Segment each record by itself; joined indices."""
+    """Segment each record separately and return the joined indices of the jumps."""
     found = [segment(values[begin:end], penalty) + begin for begin, end in pairwise(problem.starts) if end > begin]
     return np.concatenate(found).astype(np.int64)
 
 
-def _finish(problem: Problem, design: FloatArray, coefficients: FloatArray, jumps: IntArray) -> Fit:
+def _with_levels(problem: Problem, design: FloatArray, coefficients: FloatArray, jumps: IntArray) -> Fit:
     rest = problem.z - design @ coefficients
     residual = remove_levels(rest, segment_starts(problem, jumps))
     return Fit(jumps, coefficients, rest - residual, residual, float(residual @ residual))
@@ -299,7 +298,7 @@ def _finish(problem: Problem, design: FloatArray, coefficients: FloatArray, jump
 # ---- exact penalised segmentation of a sequence into levels: functional pruning optimal partitioning -----------------
 # `segment` minimises Σ (z_k - level_k)² + penalty · (number of jumps) exactly. Source: Maidstone, Hocking, Rigaill,
 # Fearnhead, "On optimal multiple changepoint algorithms for large data", Statistics and Computing 27 (2017), algorithm
-# FPOP. `segment_correlated` does so in autoregressive noise.
+# FPOP. `segment_correlated` does the same for autoregressive noise.
 
 
 def segment(z: FloatArray, penalty: float) -> IntArray:
@@ -315,7 +314,7 @@ def segment(z: FloatArray, penalty: float) -> IntArray:
     penalty
         Cost of one jump, in the unit of z² (a few log n times the noise variance).
     """
-    # Less their mean, running sums lose fewer digits.
+    # With the mean subtracted, running sums lose fewer digits.
     return segment_sums(np.append(0.0, np.cumsum(z - z.mean())), penalty)
 
 
@@ -328,7 +327,7 @@ def segment_correlated(
 
         e_0² / v_0 + Σ_{k≥1} (e_k - φ_k e_{k-1})² / v_k + penalty · (number of jumps).
 
-    Without correlation and differing variances, that is FPOP, here without blocks. Source: Romano, Rigaill, Runge,
+    With uncorrelated noise of equal variance that is FPOP, here without blocks. Source: Romano, Rigaill, Runge,
     Fearnhead, "Detecting abrupt changes in the presence of local fluctuations and autocorrelated noise", Journal of the
     American Statistical Association 117 (2022), algorithm DeCAFS, section 3. Here, the level does not walk between its
     jumps, φ and v may differ from step to step, and costs far above the least are cut off until the jumps found are

@@ -1,12 +1,11 @@
-"""The exact likelihood of a law of friction, with or without jumps, its noise refitted under every law.
+"""The exact likelihood of a law of friction, with or without jumps; the noise is refitted under every law.
 
     y_k = s_k l_k + Σ β_j φ_j + a_k + w_k,   a: AR(1),   w: white,   both growing with the speed
 
-The level l of each recording is a draw about a common one; at a jump nothing is known of the next; dry and viscous
-friction are not negative. Noise that is
-estimated once, from what the base law leaves, would hold the very effect that is looked for. Scores are twice the
-negative log-likelihood, its scale profiled out, plus log N for each parameter (BIC; G. Schwarz, Annals of Statistics 6,
-1978): the lower the better.
+The level l of each recording is a random draw about a common one; after a jump it is unknown (a diffuse prior). Dry and
+viscous friction are not negative. Noise that is estimated once, from the residual of the base law, would contain the
+effect that is searched for. A score is -2 log-likelihood, its scale profiled out, plus log N for each parameter (BIC;
+G. Schwarz, Annals of Statistics 6, 1978): the lower the better.
 """
 
 from __future__ import annotations
@@ -24,30 +23,30 @@ from rwa_monitor.samples import TINY, FloatArray, IntArray
 
 Score = Callable[["NoiseLaw"], float]
 
-# By which the first effect must lower the score: chance gains so much in two records of a thousand (10.5 at most in 288
-# simulated null records, see `nulls.json`, and e^-½ times as often for each unit more).
+# Gain required of the first effect: chance reaches it in two records of a thousand (10.5 at most in 288 simulated null
+# records, see `nulls.json`, and e^-½ times as often for each unit more).
 FIRST_GAIN: Final = 11.5
-ACCEPT_GAIN: Final = 25.0  # and what stands beside named effects: no law is exact, what one leaves is more than chance
-FEWEST_MEMORIES: Final = 20.0  # in the data: noise with fewer correlation times is a level that wanders
-ENOUGH: Final = 10_000  # samples, from which the noise's law is known to some per cent
-STRETCHES: Final = 10
-ROUNDS: Final = 4  # of coefficients and noise in turn
-SETTLED: Final = 0.1  # of the score
-LEAST_PIVOT: Final = 1e-4  # of regressors of length 1, from which elimination keeps enough digits
-# Ends of the noise's parameters, beyond which a law is no other one: shares of white noise from 3e-4 to 1 - 3e-4,
-# memory of up to a thousand samples, growth by a factor of a hundred, levels a thousand noises apart.
+ACCEPT_GAIN: Final = 25.0  # the same of further effects: no law is exact, and the residual of one is more than chance
+FEWEST_MEMORIES: Final = 20.0  # correlation times in the data; noise with fewer is a level that drifts as a random walk
+ENOUGH: Final = 10_000  # samples, from which the law of the noise is known to some per cent
+STRETCHES: Final = 10  # segments of a long recording from which its noise is fitted
+ROUNDS: Final = 4  # alternations of coefficients and noise, at most
+SETTLED: Final = 0.1  # change of the score at which alternation ends
+LEAST_PIVOT: Final = 1e-4  # of the Cholesky factor of regressors of length 1; below it too many digits are lost
+# Bounds of the noise's parameters, beyond which its law hardly changes: shares of white noise from 3e-4 to 1 - 3e-4,
+# memory of up to a thousand samples, growth by a factor of a hundred, levels a thousand standard deviations apart.
 WIDEST_SHARE: Final = 8.0
 LONGEST_MEMORY: Final = 7.0
-LONG_MEMORY: Final = 0.95  # φ: noise that is correlated over some sixty samples can pass for a law of a slow motion
+LONG_MEMORY: Final = 0.95  # φ: noise correlated over some sixty samples can be mistaken for a law of a slow motion
 LARGEST_GROWTH: Final = 4.6
 LARGEST_SPREAD: Final = 14.0
-LEVELS_APART: Final = 100.0  # the spread of levels that a fit starts from
+LEVELS_APART: Final = 100.0  # initial `level_spread` of a fit
 SHORTEST_MEMORY: Final = -4.0  # logit of φ
-COLOURS: Final = ((0.0, 1.0), (-3.0, 0.0), (0.0, 4.0))  # logits of share and φ from which a fit of the colour starts
-LONG_LOGIT: Final = 4.0  # logit of φ from which the fit of a level that wanders starts
-BESIDE: Final = 1e-6  # the border between noise and a level that wanders
-DESCENT: Final = {"eps": 1e-3, "ftol": 1e-6, "gtol": 0.05}  # of the score: to some hundredths
-NOTHING: Final[tuple[dict[str, float], ...]] = (  # each parameter as it is where it is not in use
+COLOURS: Final = ((0.0, 1.0), (-3.0, 0.0), (0.0, 4.0))  # initial logits of share and φ of a fit of the autocorrelation
+LONG_LOGIT: Final = 4.0  # initial logit of φ of the fit of a drifting level
+BESIDE: Final = 1e-6  # distance, in the logit of φ, from the border between noise and a drifting level
+DESCENT: Final = {"eps": 1e-3, "ftol": 1e-6, "gtol": 0.05}  # converges to some hundredths of the score
+NOTHING: Final[tuple[dict[str, float], ...]] = (  # values at which a parameter is not in use
     {"white": 1.0, "correlation": 0.0},
     {"growth": 0.0},
     {"slew": 0.0},
@@ -58,13 +57,13 @@ NO_JUMPS: Final[IntArray] = np.zeros(0, dtype=np.int64)
 
 
 def asked_gain(named: int) -> float:
-    """Return by how much an effect must lower the score beside so many that are named."""
+    """Return the gain that is required of an effect, given the number of effects already named."""
     return ACCEPT_GAIN if named else FIRST_GAIN
 
 
 @dataclass(frozen=True, slots=True)
 class NoiseLaw:
-    """The noise's law; its scale is fitted with the coefficients.
+    """The law of the noise; its scale is fitted together with the coefficients.
 
     Attributes
     ----------
@@ -73,11 +72,12 @@ class NoiseLaw:
     correlation
         φ of the AR(1) part from slot to slot.
     growth
-        Logarithm of the ratio of the standard deviations at the largest speed and at rest; linear between.
+        Logarithm of the ratio of the standard deviation at the largest speed to that at rest; linear in between.
     slew
-        The same at the largest |dω/dt| and at constant speed: time between the channels leaves errors in proportion.
+        The same at the largest |dω/dt| and at constant speed: a time offset between channels causes errors in
+        proportion to dω/dt.
     level_spread
-        Variance of the recordings' levels about the common one, in variances of the noise.
+        Variance of the recordings' levels about the common one, relative to the variance of the noise.
     """
 
     white: float = 1.0
@@ -88,37 +88,37 @@ class NoiseLaw:
 
     @property
     def apart(self) -> NoiseLaw:
-        """The law where the levels of recordings differ, as a start."""
+        """The law with differing levels of the recordings, as a start of a fit."""
         return self if self.level_spread > 0.0 else replace(self, level_spread=LEVELS_APART)
 
     def beside(self, series: Series) -> NoiseLaw:
-        """Return the law of samples whose level may jump: there, what a slew is apart by would hide jumps."""
+        """Return the law without noise of slews if the level of the samples jumps: that noise would hide jumps."""
         return replace(self, slew=0.0) if series.jumps_within else self
 
     @property
     def memory(self) -> float:
-        """φ of AR(1) noise whose means over long times vary as much."""
+        """φ of the AR(1) noise with the same ratio of long-run variance to variance."""
         long_run = self.white + (1.0 - self.white) * (1.0 + self.correlation) / (1.0 - self.correlation)
         return (long_run - 1.0) / (long_run + 1.0)
 
     def price(self, size: int) -> float:
-        """Return what the law costs in `size` samples: log N a parameter.
+        """Return the penalty of the law in `size` samples: log N for each parameter.
 
-        A level that wanders, and noise of slews, is what no cause is known of: it must pay as much as a hypothesis,
-        as no law does that explains the same.
+        A drifting level and noise of slews have no known cause. Each is penalised like a further hypothesis, so that a
+        law that explains the same is preferred.
         """
         parameters = 2 * (self.correlation > 0.0) + (self.growth != 0.0) + (self.slew > 0.0) + (self.level_spread > 0.0)
         return float(np.log(size)) * parameters + ACCEPT_GAIN * (self.wanders(size) + (self.slew > 0.0))
 
     def of_means(self, width: int) -> NoiseLaw:
-        """Return the law of means over so many slots."""
+        """Return the law of means over `width` slots; only the share of white noise changes."""
         lags = np.arange(1, width)
-        of_colour = (1.0 - self.white) * (width + 2.0 * float((width - lags) @ self.correlation**lags)) / width**2
+        correlated = (1.0 - self.white) * (width + 2.0 * float((width - lags) @ self.correlation**lags)) / width**2
         white = self.white / width
-        return replace(self, white=white / (white + of_colour))
+        return replace(self, white=white / (white + correlated))
 
     def wanders(self, size: int) -> bool:
-        """Return whether, in `size` samples, this is no noise but a level that wanders."""
+        """Return whether, in `size` samples, the AR(1) part counts as a drifting level instead of noise."""
         return self.correlation > 0.0 and size * (1.0 - self.correlation) < FEWEST_MEMORIES
 
 
@@ -135,17 +135,20 @@ class Series:
     speed
         ω [rad/s].
     gap
-        int64, slots since the sample before; 0 where a recording begins.
+        int64, slots since the previous sample; 0 where a recording begins.
+    slew
+        Largest |dω/dt| nearby, relative to that of all samples, see `Problem`.
     jumps
         int64 (j,), first sample of each new level.
     smallest_variance
-        Below which noise is the digits of a table [N² m²].
+        Variance of the rounding of the table, which is added to that of the noise [N² m²].
     memory
-        Samples that inform as much as one that is independent; above 1 the noise is taken as white, see `Problem`.
+        Number of samples that carry the information of one independent sample; above 1 the noise is taken as white, see
+        `Problem`.
     top_speed
-        Largest |ω|, at which the noise has grown by its law's growth [rad/s]; 0: that of these samples.
+        Speed |ω| to which `NoiseLaw.growth` refers [rad/s]; 0: the largest of these samples.
     may_wander
-        Whether its level may: a friction that was commanded does not, all noise is in the speed that came of it.
+        Whether the level may drift: not where friction was commanded, as all noise is then in the speed.
     """
 
     friction: FloatArray
@@ -181,11 +184,11 @@ class Series:
 
     @property
     def jumps_within(self) -> bool:
-        """Return whether a level jumps, but where a recording begins."""
+        """Return whether a level jumps within a recording."""
         return bool(self.gap[self.jumps].any())
 
     def in_part(self) -> Series:
-        """Return stretches of a long recording, evenly spread: the noise's law needs no more."""
+        """Return evenly spaced segments of a long recording: they suffice to fit the law of the noise."""
         if self.size <= ENOUGH or self.several:
             return self
         begins = np.linspace(0, self.size - ENOUGH // STRETCHES, STRETCHES).astype(np.int64)
@@ -206,9 +209,9 @@ class Series:
         )
 
     def averaged(self, most: int) -> tuple[Series, sparse.csr_array]:
-        """Return means over neighbouring samples, not many more than `most`, and the operator, (m, n), that makes them.
+        """Return about `most` means over neighbouring samples, and the averaging operator, (m, n).
 
-        What is linear in the regressors is so in their means, across a change of direction, too.
+        A law that is linear in the regressors is linear in their means, even across a change of direction.
         """
         width, at = -(-self.size // most), np.arange(self.size)
         begins = np.flatnonzero(self.gap == 0)
@@ -228,7 +231,7 @@ class Series:
 
     @property
     def size(self) -> int:
-        """Count the samples."""
+        """Number of samples."""
         return int(self.friction.size)
 
     @property
@@ -237,7 +240,7 @@ class Series:
         return np.stack([self.sign, self.speed])
 
     def spread(self, law: NoiseLaw) -> FloatArray:
-        """Return the noise's standard deviation at each sample, float64 (n,), of mean logarithm 0."""
+        """Return the relative standard deviation of the noise, float64 (n,), with mean logarithm 0."""
         share = np.abs(self.speed) / (self.top_speed or np.abs(self.speed).max())
         spread = 1.0 + np.expm1(law.growth) * share + np.expm1(law.slew) * self.slew
         return np.asarray(spread / np.exp(np.mean(np.log(spread))))
@@ -250,15 +253,15 @@ class Series:
 
 @dataclass(frozen=True, slots=True)
 class Whitening:
-    """The filter that makes noise of a law white, for any number of rows.
+    """The filter that whitens noise of a given law, for any number of rows.
 
     Attributes
     ----------
     series
         The samples and their jumps.
     spread, level
-        float64 (n,), standard deviation of the noise, None where it is the same everywhere; and what a level adds to
-        the friction, in units of that.
+        float64 (n,), relative standard deviation of the noise, None where it is constant; and the regressor of the
+        level, divided by it.
     gains
         float64 (n, 4), see `kernels/state_space`.
     log_determinant
@@ -273,14 +276,14 @@ class Whitening:
 
     @classmethod
     def of(cls, series: Series, law: NoiseLaw) -> Self:
-        """Make the filter of a law."""
+        """Return the filter for a law."""
         spread = series.spread(law) if law.growth != 0.0 or law.slew > 0.0 else None
-        level = series.sign if spread is None else series.sign / spread  # friction, not noise: the same at every speed
+        level = series.sign if spread is None else series.sign / spread  # levels do not grow with the speed
         gains, parts = np.empty((series.size, 4)), (law.white, 1.0 - law.white, law.correlation, law.level_spread)
         return cls(series, spread, level, gains, filter_gains(level, series.gap, series.jumps, parts, gains))
 
     def innovations(self, rows: FloatArray) -> FloatArray:
-        """Return the innovations of rows, float64 (p, n), over their standard deviations; in place."""
+        """Return the standardised innovations of rows, float64 (p, n), computed in place."""
         rows = np.ascontiguousarray(rows)
         if self.spread is not None:
             rows /= self.spread
@@ -295,15 +298,16 @@ class Equations:
     Attributes
     ----------
     gram, moment, squares
-        float64 (p, p), (p,), and a number: products of the regressors, with the friction, and of the friction.
+        float64 (p, p), (p,) and scalar: inner products of the regressors, of them with the friction, and of the
+        friction with itself.
     low, high
         float64 (p,), bounds of the coefficients.
     samples, log_determinant
-        Of the whitened rows.
+        Number of whitened samples, and log-determinant of their covariance.
     smallest_variance
-        Added to that of the residual.
+        Added to the variance of the residual [N² m²].
     memory
-        Samples that inform as much as one that is independent.
+        Number of samples that carry the information of one independent sample.
     """
 
     gram: FloatArray
@@ -318,7 +322,7 @@ class Equations:
 
     @classmethod
     def of(cls, series: Series, rows: FloatArray, low: FloatArray, high: FloatArray, law: NoiseLaw) -> Self:
-        """Whiten friction and regressors, float64 (p, n), and multiply them."""
+        """Whiten friction and regressors, float64 (p, n), and form the normal equations."""
         whitening = Whitening.of(series, law)
         white = whitening.innovations(np.vstack([series.friction, rows]))
         return cls.of_products(series, white @ white.T, low, high, whitening.log_determinant)
@@ -327,16 +331,16 @@ class Equations:
     def of_products(
         cls, series: Series, products: FloatArray, low: FloatArray, high: FloatArray, log_determinant: float
     ) -> Self:
-        """Sort products of whitened friction and regressors, float64 (1 + p, 1 + p)."""
+        """Return the equations from inner products of whitened friction and regressors, float64 (1 + p, 1 + p)."""
         squares, smallest = float(products[0, 0]), series.smallest_variance
         return cls(
             products[1:, 1:], products[1:, 0], squares, low, high, series.size, log_determinant, smallest, series.memory
         )
 
     def solve(self) -> tuple[FloatArray, float]:
-        """Return the coefficients within their bounds, and the deviance with the best scale."""
+        """Return the coefficients within their bounds, and the deviance with the scale profiled out."""
         squares = self.gram.diagonal()
-        left = squares > TINY  # of the others, levels leave nothing: they have no strength
+        left = squares > TINY  # the levels span the others: their coefficients are 0
         scale = np.sqrt(np.where(left, squares, 1.0))
         gram, moment = self.gram / np.outer(scale, scale), np.where(left, self.moment / scale, 0.0)
         factor, failed = linalg.lapack.dpotrf(gram)
@@ -355,7 +359,7 @@ class Equations:
         return np.clip(solution / scale, self.low, self.high), deviance
 
     def rss(self, coefficients: FloatArray) -> float:
-        """Return the sum of squares that coefficients, float64 (p,), leave."""
+        """Return the residual sum of squares of coefficients, float64 (p,)."""
         left = self.squares - 2.0 * coefficients @ self.moment + coefficients @ self.gram @ coefficients
         return max(float(left), 1e-15 * self.squares)
 
@@ -363,29 +367,30 @@ class Equations:
 def fit_noise(
     series: Series, rows: FloatArray, low: FloatArray, high: FloatArray, start: NoiseLaw, *, again: bool = False
 ) -> tuple[NoiseLaw, float]:
-    """Return the noise law under which regressors explain the friction best, and the score; parameters as they pay.
+    """Return the noise law with the lowest score for the regressors, and the score.
 
-    Coefficients and noise in turn: the noise is fitted to what the regressors leave, with a level and a slope free in
-    it, which slow noise trades with most. That costs the same however many regressors there are. The levels of
-    recordings differ only if they do at the start: that is a hypothesis, see `apart`. `again`: the start is
-    the law of nearly the same model: then only near it is looked, but where its memory is so long that it may be the
-    very law that is missing.
+    A noise parameter is used only where it lowers the score by more than its penalty. Coefficients and noise are fitted
+    alternately. The noise is fitted to the residual of the regressors with dry and viscous friction left free, since
+    slow noise is most easily confused with these. The cost is independent of the number of regressors. The levels of
+    recordings differ only if they do at the start: that is a hypothesis, see `NoiseLaw.apart`. `again`: the start is
+    the law of nearly the same model, and only its neighbourhood is searched, unless its memory is so long that it may
+    mimic a missing law.
     """
     again, start = again and start.correlation < LONG_MEMORY, start.beside(series)
 
     def under(law: NoiseLaw) -> _NoiseFit:
-        """Return a noise law with the coefficients that are best under it, and the score."""
+        """Return a noise law with its best coefficients and the score."""
         coefficients, deviance = Equations.of(series, rows, low, high, law).solve()
         return _NoiseFit(law, coefficients, deviance + law.price(series.size))
 
     def refitted(one: _NoiseFit) -> _NoiseFit:
-        """Fit the noise to what the coefficients leave, and coefficients under it."""
+        """Fit the noise to the residual of the coefficients, then the coefficients under that noise."""
         left = replace(series, friction=series.friction - one.coefficients @ rows)
-        return under(_noise_of(left.in_part(), one.law, again))
+        return under(_fitted_noise_law(left.in_part(), one.law, again))
 
     plain = NoiseLaw(level_spread=start.level_spread)
     starts = [under(start)]
-    if not again and start != plain:  # slow noise hides a law that it could be, too
+    if not again and start != plain:  # slow noise at the start could hide a law that it mimics
         starts.append(under(plain))
     best = min(starts[0], *(refitted(one) for one in starts), key=lambda one: one.score)
     for _ in range(ROUNDS - 1):
@@ -398,15 +403,15 @@ def fit_noise(
 
 
 class _NoiseFit(NamedTuple):
-    """A noise law, the coefficients that are best under it, float64 (p,), and their score."""
+    """A noise law, its best coefficients, float64 (p,), and their score."""
 
     law: NoiseLaw
     coefficients: FloatArray
     score: float
 
 
-def _noise_of(series: Series, start: NoiseLaw, again: bool) -> NoiseLaw:
-    """Return the noise law of a residual; `again` only with the parameters that are in use at the start."""
+def _fitted_noise_law(series: Series, start: NoiseLaw, again: bool) -> NoiseLaw:
+    """Return the noise law of a residual; with `again`, only parameters in use at the start are fitted."""
     free = np.full(2, np.inf)
 
     def score(law: NoiseLaw) -> float:
@@ -419,17 +424,17 @@ def _noise_of(series: Series, start: NoiseLaw, again: bool) -> NoiseLaw:
         nonlocal best, least
         best, least = min((best, least), (other, reached), key=lambda one: one[1])
 
-    for _ in range(2):  # colour and growth hide each other at first
+    for _ in range(2):  # autocorrelation and growth mask each other at first
         others = best.growth, best.slew, best.level_spread
         if series.memory == 1.0 and (start.correlation > 0.0 or not again):
-            try_out(*_coloured(score, best, best if best.correlation > 0.0 else start, series, again))
+            try_out(*_fit_ar1(score, best, best if best.correlation > 0.0 else start, series, again))
         if start.growth != 0.0 or not again:
-            try_out(*_along(score, best, "growth", LARGEST_GROWTH))
+            try_out(*_fit_one(score, best, "growth", LARGEST_GROWTH))
         if not series.jumps_within and (start.slew > 0.0 or not again):
-            try_out(*_along(score, best, "slew", LARGEST_GROWTH, 0.0))
+            try_out(*_fit_one(score, best, "slew", LARGEST_GROWTH, 0.0))
         if best.level_spread > 0.0:
-            try_out(*_along(score, best, "level_spread", LARGEST_SPREAD))
-        for nothing in NOTHING:  # what stood in for another parameter goes when that one is there
+            try_out(*_fit_one(score, best, "level_spread", LARGEST_SPREAD))
+        for nothing in NOTHING:  # a parameter that another one has replaced is removed
             plainer = replace(best, **nothing)
             if plainer != best:
                 try_out(plainer, score(plainer))
@@ -438,10 +443,10 @@ def _noise_of(series: Series, start: NoiseLaw, again: bool) -> NoiseLaw:
     return best
 
 
-def _coloured(score: Score, other: NoiseLaw, start: NoiseLaw, series: Series, again: bool) -> tuple[NoiseLaw, float]:
-    """Fit share of white noise and memory of a law, as noise and as a level that wanders; `again` only near the start.
+def _fit_ar1(score: Score, other: NoiseLaw, start: NoiseLaw, series: Series, again: bool) -> tuple[NoiseLaw, float]:
+    """Fit the share of white noise and φ of a law, both as noise and as a drifting level; `again`: near the start only.
 
-    The score is smooth within each of the two, and steps by the price of a hypothesis between them.
+    The score is smooth within each of the two ranges of φ, and steps by the penalty of a hypothesis at their border.
     """
 
     def law(at: FloatArray) -> NoiseLaw:
@@ -449,11 +454,11 @@ def _coloured(score: Score, other: NoiseLaw, start: NoiseLaw, series: Series, ag
 
     border = float(special.logit(1.0 - FEWEST_MEMORIES / max(series.size, 2.0 * FEWEST_MEMORIES)))
     noise = SHORTEST_MEMORY, min(border, LONGEST_MEMORY) - BESIDE
-    wandering = min(border, LONGEST_MEMORY) + BESIDE, LONGEST_MEMORY if series.may_wander else -np.inf
-    tries = [*((at, noise) for at in COLOURS), ((0.0, LONG_LOGIT), wandering)]
+    drifting = min(border, LONGEST_MEMORY) + BESIDE, LONGEST_MEMORY if series.may_wander else -np.inf
+    tries = [*((at, noise) for at in COLOURS), ((0.0, LONG_LOGIT), drifting)]
     if start.correlation > 0.0:
         at = float(special.logit(start.white)), float(special.logit(start.correlation))
-        tries = [(at, box) for box in (noise, wandering) if not again or box[0] <= at[1] <= box[1]] or [(at, noise)]
+        tries = [(at, box) for box in (noise, drifting) if not again or box[0] <= at[1] <= box[1]] or [(at, noise)]
     minimize: Any = optimize.minimize
     found: list[tuple[NoiseLaw, float]] = []
     for (share, memory), box in tries:
@@ -464,8 +469,8 @@ def _coloured(score: Score, other: NoiseLaw, start: NoiseLaw, series: Series, ag
     return min(found, key=lambda one: one[1])
 
 
-def _along(score: Score, law: NoiseLaw, name: str, most: float, least: float | None = None) -> tuple[NoiseLaw, float]:
-    """Fit one more parameter of a law; the spread of levels by its logarithm."""
+def _fit_one(score: Score, law: NoiseLaw, name: str, most: float, least: float | None = None) -> tuple[NoiseLaw, float]:
+    """Fit one parameter of a law within its bounds, `level_spread` by its logarithm; a lower bound None is -`most`."""
 
     def changed(at: float) -> NoiseLaw:
         return replace(law, **{name: float(np.exp(at) if name == "level_spread" else at)})

@@ -1,6 +1,7 @@
-"""The problem of a search: the used samples of a wheel's records, joined, and what is known of their noise.
+"""The problem of a search: the used samples of a wheel's records, joined, and an estimate of their noise.
 
-The sign is folded in: z = s·friction torque is a level and a slope in both directions (see `base_fit`).
+Friction is multiplied by the direction s: in z = s·friction torque, dry friction is a level and viscous friction a
+slope in |ω|, in both directions (see `base_fit`).
 """
 
 from __future__ import annotations
@@ -20,12 +21,12 @@ from rwa_monitor.samples import TINY, BoolArray, FloatArray, IntArray
 # ---- the noise of the samples ----------------------------------------------------------------------------------------
 
 
-ENOUGH: Final = 20_000  # differences at a lag: their median is then known to a per cent
-MAX_LAG: Final = 96  # slots: AR(1) with φ = 0.95 has forgotten 99 % by then
-LONGEST_QUIET: Final = 8  # lags that do not stand out, between those that belong to lag 0 and others that do
+ENOUGH: Final = 20_000  # differences at a lag, from which their median is known to about one per cent
+MAX_LAG: Final = 96  # slots, at which the autocorrelation of AR(1) with φ = 0.95 is below 1 %
+LONGEST_QUIET: Final = 8  # insignificant lags in a row; after a longer run the autocovariance is set to zero
 MEDIAN_OF_ABSOLUTE_NORMAL: Final = 0.674489750196082
 CLIP_AT: Final = 4.0  # standard deviations; 6e-5 of Gaussian samples lie beyond
-OUTLIER_NEIGHBOURHOOD: Final = 7  # slots; what lasts four slots or more is a level, not an outlier
+OUTLIER_NEIGHBOURHOOD: Final = 7  # slots of a running median; four deviating slots or more are a level, not an outlier
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,7 +38,7 @@ class Noise:
     std
         Standard deviation of one sample [N m].
     autocovariance
-        float64 (MAX_LAG + 1,) at lags 0, 1, …, zero from where it cannot be distinguished from zero [N² m²].
+        float64 (MAX_LAG + 1,) at lags 0, 1, …; exactly zero beyond the last significant lag [N² m²].
     long_run_variance
         Largest variance of a mean of m samples, times m, over all m up to MAX_LAG [N² m²]; std² for white noise.
     """
@@ -50,14 +51,14 @@ class Noise:
 def estimate_noise(pieces: Sequence[FloatArray]) -> Noise:
     """Estimate the noise from the robust variogram γ(h) = ½ var(z_{k+h} - z_k) of contiguous pieces.
 
-    Medians of absolute differences: a jump touches h of n differences, a slow effect changes little over a few slots.
-    The sill (γ at the longest lags) is the variance, sill - γ(h) the autocovariance (Cressie & Hawkins 1980 on robust
-    variograms).
+    γ comes from medians of absolute differences: a jump affects only h of n of them, and a slow effect changes little
+    over a few slots. The sill (γ at the longest lags) is the variance, and sill - γ(h) the autocovariance (Cressie &
+    Hawkins 1980 on robust variograms).
 
     Parameters
     ----------
     pieces
-        float64 (n,) each.
+        float64 (n,) each [N m].
     """
     size, longest = sum(piece.size for piece in pieces), max(piece.size for piece in pieces)
     most, stride = min(MAX_LAG, max(longest // 4, 2)), max(size // ENOUGH, 1)
@@ -68,13 +69,14 @@ def estimate_noise(pieces: Sequence[FloatArray]) -> Noise:
         return float(0.5 * (np.median(np.abs(differences)) / MEDIAN_OF_ABSOLUTE_NORMAL) ** 2)
 
     gamma = np.array([half_variance(lag) for lag in range(1, most + 1)])
-    # Medians do not see tails; differences of neighbours, of which a jump touches one, show how much they add.
+    # Medians ignore heavy tails: their share of the variance is estimated from differences of neighbours, of which a
+    # jump affects only one.
     gamma *= tail_factor(np.concatenate([np.diff(piece) for piece in pieces]))
-    # Where slow waves are left, differences over long lags exceed the spread of the values themselves.
+    # Where slow waves remain, differences over long lags exceed the variance of the values themselves.
     spread = float(np.mean(np.concatenate([piece - piece.mean() for piece in pieces]) ** 2))
     sill = min(float(np.median(gamma[-max(most // 4, 1) :])), spread)
     covariance = np.pad(sill - np.append(0.0, gamma), (0, MAX_LAG - most))
-    # A robust variance has a relative error of about 1.65·√(2/n); beyond the last lag that stands out all is zero.
+    # A robust variance has a relative error of about 1.65·√(2/n); beyond the last significant lag all is set to zero.
     stands_out = np.flatnonzero(np.abs(covariance[: most + 1]) > 4.0 * 1.65 * np.sqrt(2.0 / size) * sill)
     apart = np.diff(stands_out, prepend=0, append=np.inf) > LONGEST_QUIET
     covariance[int(np.append(0, stands_out)[np.argmax(apart)]) + 1 :] = 0.0
@@ -89,7 +91,7 @@ def long_run_variance(covariance: FloatArray) -> float:
 
 
 def tail_factor(values: FloatArray) -> float:
-    """Return the winsorised variance of values over the variance implied by their median; 1 for Gaussian ones."""
+    """Return the ratio of the winsorised variance to that implied by the median of |values|; 1 for Gaussian values."""
     scale = float(np.median(np.abs(values))) / MEDIAN_OF_ABSOLUTE_NORMAL
     if scale <= 0:
         return 1.0
@@ -98,23 +100,23 @@ def tail_factor(values: FloatArray) -> float:
 
 
 def clip_outliers(values: FloatArray, std: float) -> tuple[FloatArray, BoolArray]:
-    """Pull single samples that stand far off their neighbours back to CLIP_AT standard deviations from them.
+    """Clip single samples to within CLIP_AT standard deviations of the median of their neighbours.
 
     Returns
     -------
     clipped, outliers
-        The values, and a mask of those that were pulled back.
+        The values, and a mask of those that were clipped.
     """
     middle = median_filter(values, size=OUTLIER_NEIGHBOURHOOD, mode="nearest")
     clipped = np.clip(values, middle - CLIP_AT * std, middle + CLIP_AT * std)
     return clipped, clipped != values
 
 
-TIMING_REACH: Final = 2  # samples, by which channels may be apart in time
-NEARLY_CONSTANT: Final = 0.05  # of the mean speed: its spread, below which a slope of the drag is no more than a level
+TIMING_REACH: Final = 2  # samples: the largest time offset between channels that is allowed for
+NEARLY_CONSTANT: Final = 0.05  # of the mean speed: the spread below which dry and viscous friction are not separable
 
 
-# ---- how a function is applied to many candidates: in turn here; rooms that may start threads pass in others ---------
+# ---- how a function is applied to many candidates: in turn here; packages that may start threads pass in others ------
 
 
 Item = TypeVar("Item")
@@ -122,7 +124,7 @@ Result = TypeVar("Result")
 
 
 class Mapper(Protocol):
-    """Applies a function to each item and returns the values in the order of the items, in whatever order it works."""
+    """Applies a function to each item, in any order, and returns the values in the order of the items."""
 
     def __call__(self, function: Callable[[Item], Result], items: Iterable[Item], /) -> list[Result]:
         """Return the function's value for each item."""
@@ -134,42 +136,42 @@ def in_turn(function: Callable[[Item], Result], items: Iterable[Item], /) -> lis
     return [function(item) for item in items]
 
 
-# ---- what a search has worked out before and meets again, as far as there is room: columns, levels -------------------
+# ---- caches of values that a search computes repeatedly, within a limit: columns, levels -----------------------------
 
 
 CACHE_BYTES: Final = 400_000_000
-RECENT: Final = 4  # values that are kept: those of the models that are extended just now
+RECENT: Final = 4  # values that are kept: enough for the models that are being extended
 
 Value = TypeVar("Value")
 
 
 class ColumnCache:
-    """Columns already evaluated, by effect and shape: the search visits the same shapes many times."""
+    """A cache of evaluated columns by effect and shape: the search visits the same shapes many times."""
 
     def __init__(self, room: int = CACHE_BYTES) -> None:
         self._columns: dict[Hashable, FloatArray] = {}
         self._room = room  # bytes
 
     def get(self, key: Hashable) -> FloatArray | None:
-        """Return the columns, or None where they are not kept."""
+        """Return the columns, or None where they are not cached."""
         return self._columns.get(key)
 
     def put(self, key: Hashable, columns: FloatArray) -> None:
-        """Keep columns as long as there is room; what is kept stays."""
+        """Cache columns while the limit allows it; nothing is ever evicted."""
         if columns.nbytes <= self._room:
             self._columns[key] = columns
             self._room -= columns.nbytes
 
 
 class RecentCache:
-    """The values asked for last, by all that decides them: many effects follow the same level."""
+    """A cache of the last few values by all of their inputs: many effects follow the same level."""
 
     def __init__(self) -> None:
-        # Replaced as a whole: of two threads that add at once one may be forgotten, no more.
+        # The tuple is replaced as a whole: of two values added at once by two threads, at most one is lost.
         self._values: tuple[tuple[tuple[object, ...], Hashable, Any], ...] = ()
 
     def get(self, objects: tuple[object, ...], key: Hashable, make: Callable[[], Value]) -> Value:
-        """Return what `make` returned for these very objects, which are held, and this key, or what it returns now."""
+        """Return the cached value for this key and these objects, compared by identity, or a new one from `make`."""
         for known, of_known, kept in self._values:
             if of_known == key and all(one is other for one, other in zip(known, objects, strict=True)):
                 same: Value = kept
@@ -186,24 +188,24 @@ class RecentCache:
 class Problem:
     """The used samples of one or more records of a wheel, joined; arrays (n,).
 
-    What every model of them asks for is worked out once.
+    Quantities that every model needs are computed once.
 
     Attributes
     ----------
     records
         The records.
     z
-        s·friction torque [N m]; outliers pulled in where the noise has heavy tails (`clipped_share`: how many).
+        s·friction torque [N m]; outliers are clipped where the noise has heavy tails.
     z_measured
         The same, as measured.
     clipped_share
-        Share of the samples that were pulled in.
+        Share of the samples that were clipped.
     speed
-        The column of viscous friction: |ω| [rad/s], or what the wheel's effects make of it (`Record`).
+        The regressor of viscous friction [rad/s]: |ω|, unless the wheel's effects replace it (`Record`).
     sign
         s [-].
     starts
-        First joined index of each record, and n at the end: a level never reaches across records.
+        First joined index of each record, and n at the end: a level never extends across records.
     slot
         Slot within its record of each joined sample.
     noise
@@ -211,16 +213,17 @@ class Problem:
     nominal_viscous
         Nominal viscous coefficient [N m s/rad] as a weak prior, or None.
     derivative_taps, averaging_taps
-        Of the filter through which noise of the speed enters friction that is derived; and the weights with which the
-        derivative averages torque.
+        Taps of the filter through which noise of the speed enters derived friction [1/s]; and the weights with which
+        the derivative averages the torque.
     memory
-        Samples of noise that count as one that is independent, where friction is derived: known from the filter.
-        Its noise is not whitened: columns of the torque share it. 1 elsewhere, where the law of the noise is fitted.
+        Number of samples that carry the information of one independent sample, where friction is derived: known from
+        the filter. Its noise is not whitened, because columns of the torque share it. 1 elsewhere, where the law of the
+        noise is fitted.
     each
-        Applies a function to each candidate; the answer does not depend on how.
+        Applies a function to each candidate; the result does not depend on the order of evaluation.
     lowest_viscous
         Lower bound of the viscous coefficient [N m s/rad]: zero where the base model's own is positive, so that no
-        effect is propped up by a negative viscosity.
+        effect is compensated by a negative viscosity.
     """
 
     records: tuple[Record, ...]
@@ -248,24 +251,24 @@ class Problem:
 
     @cached_property
     def largest_friction_Nm(self) -> float:
-        """The range of friction as measured, zero in it [N m]; infinite where none is: a manoeuvre only planned."""
+        """The range of measured friction including zero [N m]; infinite if there is none, as in a planned manoeuvre."""
         return float(self.z_measured.max(initial=0.0) - self.z_measured.min(initial=0.0)) or np.inf
 
     @cached_property
     def shown(self) -> tuple[ShownConstant, ...]:
-        """Constants of the wheel file as channels show them in which there is no friction."""
+        """Constants of the wheel file as estimated from channels that are independent of friction."""
         return combined(record.shown for record in self.records)
 
     @cached_property
     def gap(self) -> IntArray:
-        """Slots since the sample before, int64 (n,); 0 where a record begins."""
+        """Slots since the previous sample, int64 (n,); 0 where a record begins."""
         gap = np.diff(self.slot, prepend=0)
         gap[self.starts[:-1][np.diff(self.starts) > 0]] = 0
         return gap
 
     @cached_property
     def slew(self) -> FloatArray:
-        """The largest change of the speed from one slot to the next, nearby, relative to that of all samples."""
+        """The largest |Δω| per slot within TIMING_REACH samples, relative to the largest of all, float64 (n,)."""
         speed = self.sign * self.motion
         rate = np.abs(np.diff(speed, prepend=speed[0])) / np.maximum(self.gap, 1)
         rate[self.gap == 0] = 0.0
@@ -274,7 +277,7 @@ class Problem:
 
     @cached_property
     def to_reversal(self) -> IntArray:
-        """How many samples lie between each sample and the nearest change of direction, int64 (n,)."""
+        """Distance of each sample from the first one after the nearest change of direction [samples], int64 (n,)."""
         reversal = np.flatnonzero(np.diff(self.sign) != 0) + 1
         if reversal.size == 0:
             return np.full(self.size, self.size, dtype=np.int64)
@@ -284,15 +287,15 @@ class Problem:
         return np.asarray(np.minimum(before, np.abs(reversal[np.minimum(after, reversal.size - 1)] - at)))
 
     def with_empty_caches(self) -> Problem:
-        """Return the same data with caches of their own: for what is kept in a cache of these.
+        """Return the same data with new caches, for objects that are themselves kept in a cache of this problem.
 
-        What refers to itself in a circle is freed late, and the columns kept for a search may have 400 MB.
+        Reference cycles are freed late, and the cached columns of a search may take 400 MB.
         """
         return replace(self, columns=ColumnCache(), recent=RecentCache())
 
     @property
     def size(self) -> int:
-        """Count the used samples."""
+        """Number of used samples."""
         return int(self.z.size)
 
     @property
@@ -307,22 +310,22 @@ class Problem:
 
     @property
     def is_command(self) -> bool:
-        """Return whether friction is what was commanded in any of the records: a program of time without an error."""
+        """Return whether the friction channel of any record is a command: a function of time without an error."""
         return any(record.is_command for record in self.records)
 
     @property
     def at_one_speed(self) -> bool:
-        """Return whether all is at nearly one speed: dry and viscous friction are one number there."""
+        """Return whether the speed is nearly constant: dry and viscous friction are not separable there."""
         return float(np.std(self.speed)) < NEARLY_CONSTANT * float(np.mean(self.speed))
 
     @property
     def smallest_noise_Nm(self) -> float:
-        """Return the standard deviation below which noise is the digits of a table [N m]."""
+        """Return the standard deviation below which noise is rounding of the table [N m]."""
         return DIGITS * float(np.sqrt(np.mean(self.z_measured**2)))
 
     @property
     def has_noise(self) -> bool:
-        """Return whether there is noise beyond the digits of the table: a simulation may have none."""
+        """Return whether there is noise beyond the rounding of the table: a simulation may have none."""
         return self.noise.std > self.smallest_noise_Nm
 
     @property
@@ -331,13 +334,13 @@ class Problem:
         return float(np.log(self.size))
 
     def gather(self, per_record: Sequence[FloatArray]) -> FloatArray:
-        """Join arrays over the slots of each record at the used slots."""
+        """Take the used slots of arrays over the slots of each record, and join them."""
         borders = zip(per_record, self.starts[:-1], self.starts[1:], strict=True)
         used = [np.take(values, self.slot[begin:end], axis=0) for values, begin, end in borders]
         return used[0] if len(used) == 1 else np.concatenate(used)
 
     def spread(self, joined: FloatArray) -> list[FloatArray]:
-        """Put joined values back on each record's slots, holding the last known one in between."""
+        """Return joined values on each record's slots; unused slots hold the previous used value."""
         out = []
         for record, begin, end in zip(self.records, self.starts[:-1], self.starts[1:], strict=True):
             values = np.full(record.used.size, np.nan)

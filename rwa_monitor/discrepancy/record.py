@@ -1,11 +1,11 @@
 """Records for the search: measured telemetry on the slot grid, with regressors that share no noise with the friction.
 
-The search uses every good sample, also inside the dead band (a dead band hides what lives near zero speed); only rest,
-where the sign of ω chatters, is left out as a state of its own.
+The search uses every good sample in motion. Samples inside the dead band are kept, because effects near zero speed
+appear only there. Samples at rest, where the sign of ω chatters, are excluded.
 
-Raw dω/dt and current contain the very noise that is in a friction derived from them. All motion
-channels given to the effects are therefore local least-squares estimates whose taps leave out the samples that may
-enter the friction of that slot.
+Raw dω/dt and current contain the same noise as a friction derived from them. Acceleration and motor torque are
+therefore given to the effects as local least-squares estimates whose taps exclude the samples that may enter the
+friction of that slot.
 """
 
 from __future__ import annotations
@@ -39,17 +39,17 @@ from rwa_monitor.wheel.effects.tachometer import ReadZone, quantisation_step, re
 from rwa_monitor.wheel.torque_balance import Source, half_width, motor_torque, source_of
 from rwa_monitor.wheel.wheel import TemperatureRange, Wheel
 
-MAX_UNEVEN_FACTOR: Final = 64  # where the clock is uneven, and each row has a short slot of its own (`bench`)
-MIN_REST_SLOTS: Final = 8  # shorter stays near zero are crossings
-# Of the median speed: where rows are few to a turn of the motion, neighbours differ by that, and not by noise.
+MAX_UNEVEN_FACTOR: Final = 64  # the limit where the clock is uneven and each row has a short slot of its own (`bench`)
+MIN_REST_SLOTS: Final = 8  # a shorter stay near zero counts as a zero crossing
+# Of the median speed: in a coarsely sampled record, neighbours differ by the motion and not by noise.
 LARGEST_SPEED_NOISE: Final = 0.02
-REST_BAND_IN_SPEED_NOISE: Final = 5.0  # within this many standard deviations the sign of ω means nothing
-BEYOND: Final = 0.1  # of the temperatures of a record, to which the law that it shows holds on either side
-DIGITS: Final = 1e-5  # of the RMS of a channel: what is smaller is no sensor's noise
-RAMP_SHARE: Final = 0.5  # of the samples: most
-SMOOTHER: Final = 0.5  # of the bends: most of them are noise of the speed
-CALMED_OVER: Final = (5, 7, 11, 15, 21, 31, 41)  # slots of a parabola, from the fewest that smooth
-SMOOTHING_REACH: Final = 6  # slots beyond the hole, on each side, from which motion is estimated
+REST_BAND_IN_SPEED_NOISE: Final = 5.0  # below this many standard deviations of its noise the sign of ω is unknown
+BEYOND: Final = 0.1  # of a record's temperature range, by which its fitted law may be extrapolated on either side
+DIGITS: Final = 1e-5  # of the RMS of a channel: anything smaller is rounding of the table, not sensor noise
+RAMP_SHARE: Final = 0.5  # of the samples: friction that is a ramp on more of them is a command
+SMOOTHER: Final = 0.5  # ratio of second differences, below which those of the speed are mostly noise
+CALMED_OVER: Final = (5, 7, 11, 15, 21, 31, 41)  # slots that a smoothing parabola is fitted to, in increasing order
+SMOOTHING_REACH: Final = 6  # slots beyond the excluded ones, on each side, from which motion is estimated
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,45 +59,45 @@ class Record:
     Attributes
     ----------
     source
-        Where it came from, for messages.
+        Name of the recording, for messages.
     channels
-        Motion as the effects see it, estimated from neighbours (see module text); arrays (n,).
+        Motion as given to the effects, estimated from neighbours (see the module docstring); arrays (n,).
     friction_torque_Nm
-        float64 (n,), measured resisting torque, NaN where unknown.
+        float64 (n,), measured resisting torque [N m], NaN where unknown.
     used
         bool (n,), slots that enter the search: finite friction and speed, in motion.
     friction_is_derived
         True where friction was derived from current and speed rather than given.
     speed_noise_rad_s
-        Standard deviation of the speed channel's sample-to-sample noise.
+        Standard deviation of the speed channel's sample-to-sample noise [rad/s].
     accelerating_torque_Nm
-        float64 (n,), motor torque less friction [N m]: the part of K_T·I that holds nothing of the friction that is
-        to be explained. None where there is no motor torque.
+        float64 (n,), motor torque minus friction [N m]: the part of K_T·I that is independent of the friction to be
+        explained. None where there is no motor torque.
     angle_drift_rad
-        float64 (n,), by how much the integral of the measured speed misses the angle; None where nothing shows it.
+        float64 (n,), angle minus the integral of the measured speed [rad]; None where it is not observable.
     bent
-        bool (n,), slots where derived friction was corrected by more than its noise: what is left of that is no noise;
-        None where friction is given.
+        bool (n,), slots where derived friction was corrected by more than its noise, so that the remaining error there
+        is not noise; None where friction is given.
     derivative_slots, unfollowed_Nm
-        Width of the filter with which friction is derived, 0 where it is given; and what the mean over it lacks, see
-        `DerivedFriction`.
+        Width of the filter with which friction is derived, 0 where it is given; and the torque that this filter does
+        not follow, see `DerivedFriction`.
     left_out
-        Why samples do not enter the search, in words, and how many; no reason without any.
+        Number of samples excluded from the search, by reason in words; reasons without samples are omitted.
     steps
-        Of the channel that friction comes from, as it was read; None where there are none of any consequence.
+        Quantisation steps of the channel that friction comes from; None where they have no consequence.
     friction_as_read_Nm
-        Friction with its rounding, where `friction_torque_Nm` is without (see `quantisation`); else None.
+        Friction with its rounding, where it has been removed from `friction_torque_Nm` (see `quantisation`); else None.
     own_viscous_rad_s
-        float64 (n,), what viscous friction is in proportion to, where the wheel's effects make that another than the
-        speed; None: the speed.
+        float64 (n,), the regressor of viscous friction, where the wheel's effects replace the speed by another one;
+        None: the speed.
     shown
-        Constants of the wheel file as channels show them in which there is no friction.
+        Constants of the wheel file as estimated from channels that are independent of friction.
     zone
-        The dead zone of the speed that its readings show; none of its samples is used.
+        Dead zone of the speed readings; none of its samples is used.
     is_command
-        Whether the friction is what was commanded, and the speed what came of it: see `_is_command`.
+        Whether the friction channel is a command, and the speed the response to it: see `_is_command`.
     follows_noise
-        Whether the friction may follow what noise there is of the speed: see `_is_smoother`.
+        Whether the friction may contain the noise of the speed: see `_is_smoother`.
     """
 
     source: str
@@ -122,26 +122,26 @@ class Record:
 
     @property
     def viscous_speed_rad_s(self) -> FloatArray:
-        """What viscous friction is in proportion to, float64 (n,) [rad/s]."""
+        """The regressor of viscous friction, float64 (n,) [rad/s]."""
         return self.channels.speed_rad_s if self.own_viscous_rad_s is None else self.own_viscous_rad_s
 
     @property
     def torque_step_Nm(self) -> float:
-        """Return the step in which the torque was read that friction comes from [N m], 0 where there is none."""
+        """Return the quantisation step of the torque that friction comes from [N m], 0 where there is none."""
         return 0.0 if self.steps is None else self.steps.torque_Nm
 
     @property
     def undrifted(self) -> Channels:
-        """Return the channels with the angle over all samples of the speed, without its drift."""
+        """Return the channels with the angle, corrected for its drift, as a measured one."""
         angle = self.channels.angle_rad
         if self.angle_drift_rad is not None:
-            # What the drift begins with is a constant of the angle, which begins at zero.
+            # The initial drift is subtracted: a constant of the angle, which begins at zero.
             angle = angle + self.angle_drift_rad - self.angle_drift_rad[0]
         return replace(self.channels, measured_angle_rad=angle)
 
 
 def make_record(samples: Samples, wheel: Wheel, source: str, delay: alignment.Delay | None = None) -> Record:
-    """Put samples on the slot grid and derive what the search needs.
+    """Assign samples to the slot grid and derive what the search needs.
 
     Parameters
     ----------
@@ -152,14 +152,14 @@ def make_record(samples: Samples, wheel: Wheel, source: str, delay: alignment.De
     source
         Name for messages.
     delay
-        Of the current, which is taken out; None: there is none.
+        Delay of the current, which is removed; None: there is none.
 
     Raises
     ------
     InputError
         If friction is neither given nor derivable, the record is far sparser than the wheel's sample period,
-        values lie beyond the wheel's limits (wrong units), speed and torque show the wheel's inertia in another unit,
-        a measured angle does not follow the speed, or a channel is at its end stop most of the time.
+        values lie beyond the wheel's limits (wrong units), speed and torque imply an inertia in another unit, a
+        measured angle does not follow the speed, or a channel is at its end stop most of the time.
     """
     check_plausible(samples, wheel, source)
     measured, samples = samples, with_turns(without_end_stops(samples, source), source)
@@ -192,7 +192,7 @@ def make_record(samples: Samples, wheel: Wheel, source: str, delay: alignment.De
     good, direction = channels.good, channels.direction
     moving = good & ~_at_rest(speed, noise, wheel.window.dead_band_rad_s) & (direction != 0)
     averaged = averages_over_reversals(speed, np.where(moving, direction * friction, np.nan), noise)
-    # A dead zone of the readings hides the reversals that would show whether samples are means.
+    # A dead zone of the readings hides the reversals from which averaging is recognised: it is then assumed.
     channels = replace(channels, averaged=bool(averaged.any()) or motion.zone is not None)
     used = moving & ~averaged
     return Record(
@@ -216,9 +216,10 @@ def make_record(samples: Samples, wheel: Wheel, source: str, delay: alignment.De
 
 
 def _is_command(friction_Nm: FloatArray, speed_rad_s: FloatArray) -> bool:
-    """Return whether friction is mostly a ramp over time to the last digit, while the speed, float64 (n,), is not.
+    """Return whether friction is mostly an exact ramp over time, to the last digit, while the speed is not.
 
-    It is a duty or a voltage in units of torque: a curve over time would explain it without any error.
+    Such a channel is a duty cycle or a voltage in units of torque. A function of time would explain it without any
+    error. Both arrays are float64 (n,).
     """
     bend, of_speed = (
         np.abs(np.diff(values, 2)) > DIGITS * np.sqrt(np.nanmean(values**2)) for values in (friction_Nm, speed_rad_s)
@@ -229,10 +230,10 @@ def _is_command(friction_Nm: FloatArray, speed_rad_s: FloatArray) -> bool:
 
 
 def _is_smoother(friction_Nm: FloatArray, speed_rad_s: FloatArray) -> bool:
-    """Return whether friction bends far less from slot to slot than what viscous friction makes of the speed's bends.
+    """Return whether friction is far smoother than its viscous part, by the medians of |second differences|.
 
-    So it is where the noise is in the speed, as under a voltage that was commanded: over short times friction does not
-    follow the speed, and a level that wanders would be likelier than any law of it.
+    The noise is then in the speed, as under a commanded voltage. Friction does not follow the speed from slot to slot,
+    and a level that drifts as a random walk would be likelier than any law of the speed.
     """
     known = np.isfinite(friction_Nm) & np.isfinite(speed_rad_s)
     law = np.stack([np.sign(speed_rad_s[known]), speed_rad_s[known]], axis=1)
@@ -243,28 +244,28 @@ def _is_smoother(friction_Nm: FloatArray, speed_rad_s: FloatArray) -> bool:
 
 
 def _calmed(speed_rad_s: FloatArray, friction_Nm: FloatArray) -> FloatArray:
-    """Return a speed, float64 (n,), as smooth as the friction that follows it; unchanged where what bends is no noise.
+    """Return the speed, float64 (n,), smoothed until friction is no longer far smoother (`_is_smoother`).
 
-    Noise of a regressor flattens every law, and what smooths it, as a lag does, is likelier (errors in variables). Its
-    bends alternate, those of a motion do not. Parabolas are fitted to so many slots that speed and friction agree, but
-    beside a change of direction.
+    Noise of a regressor biases every slope towards zero (errors in variables) and favours effects that smooth it, such
+    as a lag. Second differences of noise alternate in sign; where those of the speed do not, it is returned unchanged.
+    Parabolas are fitted over increasing widths. Slots near a change of direction keep their values.
     """
     bend = np.diff(speed_rad_s, 2)
     if np.nansum(bend[1:] * bend[:-1]) >= 0.0:
         return speed_rad_s
-    sign, calm = np.sign(speed_rad_s), speed_rad_s
+    sign, smoothed = np.sign(speed_rad_s), speed_rad_s
     turns = np.diff(np.nan_to_num(sign), append=0.0) != 0.0
     for width in CALMED_OVER:
-        if width > WINDOW_SHARE * speed_rad_s.size or not _is_smoother(friction_Nm, calm):
+        if width > WINDOW_SHARE * speed_rad_s.size or not _is_smoother(friction_Nm, smoothed):
             break
-        smooth = savgol_filter(_hold(speed_rad_s), width, 2)
-        beside = binary_dilation(turns, iterations=width // 2 + 1) | (np.sign(smooth) != sign)
-        calm = np.where(beside, speed_rad_s, smooth)
-    return calm
+        smooth = savgol_filter(_without_gaps(speed_rad_s), width, 2)
+        near_reversal = binary_dilation(turns, iterations=width // 2 + 1) | (np.sign(smooth) != sign)
+        smoothed = np.where(near_reversal, speed_rad_s, smooth)
+    return smoothed
 
 
 def without_known_effects(record: Record, wheel: Wheel) -> Record:
-    """Subtract the torque of the effects that the wheel already has; those that scale viscous friction go with it."""
+    """Subtract the torque of the wheel's own effects; those that scale viscous friction change its regressor."""
     effects = mean_effects(wheel)
     if not effects:
         return record
@@ -280,9 +281,9 @@ def without_known_effects(record: Record, wheel: Wheel) -> Record:
 
 
 def temperature_range(records: Sequence[Record]) -> TemperatureRange | None:
-    """Return the bearing's temperatures over which records show a law, a tenth of them more on either side [°C].
+    """Return the range of bearing temperatures of the used samples, extended by a tenth on either side [°C].
 
-    So far a curve that was fitted is off by little; None where a record has no temperature.
+    Within it a fitted law may be extrapolated with little error. None where a record has no temperature.
     """
     seen = [record.channels.bearing_temperature_degC for record in records]
     known = [values[record.used] for values, record in zip(seen, records, strict=True) if values is not None]
@@ -296,9 +297,9 @@ def temperature_range(records: Sequence[Record]) -> TemperatureRange | None:
 def _channels(
     samples: Samples, motion: Motion, friction: FloatArray, slot: IntArray, wheel: Wheel, hole: int
 ) -> Channels:
-    """Return the motion as effects see it, from neighbours `hole` slots away."""
+    """Return the motion as given to the effects; the acceleration is estimated without the nearest `hole` slots."""
     speed, torque = motion.speed_rad_s, motion.torque_Nm
-    turned = wheel_angle(_hold(speed), wheel.sample_period_s)
+    turned = wheel_angle(_without_gaps(speed), wheel.sample_period_s)
     measured = _measured_angle(_on_grid(samples.angle_rad, slot), turned)
     return Channels(
         time_s=np.arange(speed.size, dtype=np.float64) * wheel.sample_period_s,
@@ -307,32 +308,32 @@ def _channels(
         acceleration_rad_s2=_from_neighbours(speed, hole, SMOOTHING_REACH, order=1) / wheel.sample_period_s,
         angle_rad=turned if measured is None else measured,
         motor_torque_Nm=None if torque is None else _from_neighbours(torque, 0, SMOOTHING_REACH, order=0),
-        bearing_temperature_degC=_smooth_temperature(_on_grid(samples.bearing_temperature_degC, slot)),
+        bearing_temperature_degC=_smoothed_slow_channel(_on_grid(samples.bearing_temperature_degC, slot)),
         sample_period_s=wheel.sample_period_s,
         good=np.isfinite(speed) & np.isfinite(friction),
         motor_torque_rate_Nm_s=(
             None if torque is None else _from_neighbours(torque, 0, SMOOTHING_REACH, order=1) / wheel.sample_period_s
         ),
         measured_angle_rad=measured,
-        bus_voltage_V=_smooth_temperature(_on_grid(samples.bus_voltage_V, slot)),
+        bus_voltage_V=_smoothed_slow_channel(_on_grid(samples.bus_voltage_V, slot)),
     )
 
 
 def _measured_angle(angle: FloatArray | None, turned: FloatArray) -> FloatArray | None:
-    """Return the measured angle on every slot [rad]; from one to the next the speed's integral leads.
+    """Return the measured angle on every slot [rad], interpolated along the integral of the speed.
 
     Parameters
     ----------
     angle, turned
-        float64 (n,), as measured, NaN where not, and as the speed's integral [rad].
+        float64 (n,), the measured angle, NaN where unknown, and the integral of the speed [rad].
     """
     if angle is None or not np.isfinite(angle).any():
         return None
-    return turned + _hold(angle - turned)
+    return turned + _without_gaps(angle - turned)
 
 
 def left_out_in_words(records: Sequence[Record]) -> str:
-    """Return in words how many samples of the records do not enter the search, and why; "" where all do."""
+    """Return a text of how many samples are excluded from the search, and why; "" where none is."""
     total: Counter[str] = Counter()
     for record in records:
         total.update(record.left_out)
@@ -349,7 +350,7 @@ def _left_out(
     averaged: BoolArray,
     used: BoolArray,
 ) -> dict[str, int]:
-    """Count the samples that are not used, by reason; what no other reason explains lacks its derivative.
+    """Count the samples that are not used, by reason; those without another reason lack a derivative.
 
     `read` is the channel that friction comes from.
     """
@@ -377,7 +378,7 @@ def _count(samples: BoolArray) -> int:
 
 
 def motions_of(recordings: Sequence[tuple[str, Samples]], wheel: Wheel) -> list[Motion]:
-    """Return what is measured of each recording of a wheel, on its slots.
+    """Return the measured motion of each recording of a wheel, on its slots.
 
     Raises
     ------
@@ -393,7 +394,7 @@ def motions_of(recordings: Sequence[tuple[str, Samples]], wheel: Wheel) -> list[
 
 
 def _motion(samples: Samples, wheel: Wheel, slot: IntArray, read: Source) -> Motion:
-    """Return speed, motor torque and given friction on the slots; no speed where its reading rests in a dead zone."""
+    """Return speed, motor torque and given friction on the slots; the speed is NaN in a dead zone of its readings."""
     speed = _on_grid(samples.speed_rad_s, slot)
     assert speed is not None
     zone = read_zone(speed, quantisation_step(speed[np.isfinite(speed)]) or 0.0)
@@ -413,7 +414,7 @@ def _on_grid(values: FloatArray | None, slot: IntArray) -> FloatArray | None:
 
 
 def _slots_of(samples: Samples, wheel: Wheel, source: str) -> IntArray:
-    """Return the slot of each sample, int64 (n,), counted from the first; InputError for a far sparser record."""
+    """Return the slot of each sample, int64 (n,), from 0; InputError if the record is far too sparse."""
     slot = SlotGrid(int(samples.time_ns[0]), wheel.period_ns).slot_of(samples.time_ns)
     count = int(slot[-1]) + 1
     most = MAX_GAP_FACTOR if is_even(samples.time_ns) else MAX_UNEVEN_FACTOR
@@ -429,7 +430,7 @@ def _slots_of(samples: Samples, wheel: Wheel, source: str) -> IntArray:
 
 
 def _accelerating_torque(torque: FloatArray, friction: FloatArray, channels: Channels, wheel: Wheel) -> FloatArray:
-    """Return the part of the motor's torque that accelerates the wheel [N m]: by its inertia where that is known."""
+    """Return the accelerating torque [N m]: J·dω/dt, or motor torque minus friction where the inertia is unknown."""
     if wheel.inertia_kg_m2 is None:
         return _from_neighbours(torque - friction, 0, SMOOTHING_REACH, order=0)
     return wheel.inertia_kg_m2 * channels.acceleration_rad_s2
@@ -438,17 +439,18 @@ def _accelerating_torque(torque: FloatArray, friction: FloatArray, channels: Cha
 def _from_neighbours(values: FloatArray, hole: int, reach: int, order: int) -> FloatArray:
     """Estimate value (order 0) or slope per slot (order 1) at each slot from slots hole+1 … hole+reach on both sides.
 
-    Symmetric least squares: the mean, or Σ j v_j / Σ j². Slots without a value, and the ends, take the nearest one.
+    Symmetric least squares: the mean, or Σ j v_j / Σ j². Gaps are interpolated linearly; beyond the ends the nearest
+    value is held.
     """
     j = np.arange(-(hole + reach), hole + reach + 1)
     outside = np.abs(j) > hole
     basis = np.where(outside, j**order, 0).astype(np.float64)
-    estimate: FloatArray = correlate1d(_hold(values), basis / np.sum(basis**2), mode="nearest")
+    estimate: FloatArray = correlate1d(_without_gaps(values), basis / np.sum(basis**2), mode="nearest")
     return estimate
 
 
-def _hold(values: FloatArray) -> FloatArray:
-    """Fill unknown values by straight lines between known ones, for filters that need a value everywhere."""
+def _without_gaps(values: FloatArray) -> FloatArray:
+    """Interpolate unknown values linearly, holding the ends, for filters that need a value in every slot."""
     known = np.isfinite(values)
     if known.all() or not known.any():
         return np.nan_to_num(values)
@@ -456,8 +458,8 @@ def _hold(values: FloatArray) -> FloatArray:
     return np.interp(at, at[known], values[known])
 
 
-def _smooth_temperature(values: FloatArray | None) -> FloatArray | None:
-    """Average a slow channel over a few slots; None where it is not there or holds nothing."""
+def _smoothed_slow_channel(values: FloatArray | None) -> FloatArray | None:
+    """Average a slow channel over neighbouring slots; None where it is missing or has no values."""
     if values is None or not np.isfinite(values).any():
         return None
     return _from_neighbours(values, 0, SMOOTHING_REACH, order=0)
@@ -465,7 +467,7 @@ def _smooth_temperature(values: FloatArray | None) -> FloatArray | None:
 
 def _speed_noise(speed: FloatArray) -> float:
     """Return the standard deviation of the speed channel's noise [rad/s]."""
-    second = np.diff(speed, 2)  # of neighbours only: across a gap they hold the motion
+    second = np.diff(speed, 2)  # of neighbours only: across a gap they contain the motion
     second = np.abs(second[np.isfinite(second)])
     if second.size == 0:
         return 0.0
@@ -474,7 +476,7 @@ def _speed_noise(speed: FloatArray) -> float:
 
 
 def _at_rest(speed: FloatArray, noise: float, dead_band: float | None) -> BoolArray:
-    """Find rest: a stay near zero in which the wheel goes nowhere and the sign means nothing."""
+    """Return the slots at rest: ω within its noise, or a long stay near zero with sign changes and without a trend."""
     meaningless = REST_BAND_IN_SPEED_NOISE * noise
     band = max(meaningless, quantisation_step(speed[np.isfinite(speed)]) or 0.0, dead_band or 0.0)
     rest: BoolArray = np.abs(speed) <= meaningless
@@ -489,25 +491,25 @@ def _at_rest(speed: FloatArray, noise: float, dead_band: float | None) -> BoolAr
 
 
 # ---- samples that are means over their interval, where the speed reverses within it ----------------------------------
-# Telemetry may be averaged on board. Dry friction flips with the speed, and a mean over an interval in which the speed
-# reverses is anything between both signs: a handful of such samples, tens of standard deviations off, passes for a dead
-# zone, for bristles or for an unknown law of speed. Whether a record is averaged its own reversals show: the speed
-# gives how long it turned which way in each interval, and the mean of the sign predicts the sample.
+# Telemetry may be averaged on board. Dry friction changes sign with the speed, so its mean over an interval with a
+# reversal lies anywhere between both signs. A handful of such samples, tens of standard deviations off, is mistaken for
+# a dead zone, for bristles or for an unknown law of speed. Averaging is recognised at the reversals of the record: the
+# speed determines the mean of its sign over each interval, which predicts the sample.
 
 
-LEVEL_REACH: Final = 8  # samples on each side of a reversal that show its dry friction
-SIGN_STDS: Final = 3.0  # standard deviations of the speed's noise, within which its sign is not known
-STRADDLES: Final = 0.98  # of the sign, mean over the interval: what is less has a reversal in it
-# Of what points miss, that means may miss, in samples that are not whole ones: of intervals that are centred, then of
-# those that end or begin with their sample, which a delay of half a slot or bristles imitate. Dead zones predict none.
+LEVEL_REACH: Final = 8  # samples on each side of a reversal from which its dry friction is estimated
+SIGN_STDS: Final = 3.0  # standard deviations of the speed's noise within which its sign is unknown
+STRADDLES: Final = 0.98  # mean sign over an interval, below which the interval contains a reversal
+# Largest misfit of samples as means, relative to that of samples as points, over intervals with a reversal: for centred
+# intervals, then for those that end or begin at their sample, which a delay of half a slot or bristles mimic.
 LEFT_SHARES: Final = (0.7, 0.4, 0.4)
 
 
 def averages_over_reversals(speed_rad_s: FloatArray, drag_Nm: FloatArray, noise_rad_s: float = 0.0) -> BoolArray:
     """Return the samples that are means over an interval in which the speed reverses; none where samples are points.
 
-    An interval is centred on its sample, or ends or begins with it: whichever predicts the samples best, if any does
-    clearly better than that they are points in time.
+    Intervals centred on, ending at, and beginning at their sample are tried. The one that predicts the samples best is
+    taken, if it does so clearly better than samples at points in time.
 
     Parameters
     ----------
@@ -516,7 +518,7 @@ def averages_over_reversals(speed_rad_s: FloatArray, drag_Nm: FloatArray, noise_
     drag_Nm
         float64 (n,), friction along the rotation; NaN where unknown.
     noise_rad_s
-        Standard deviation of the speed's noise [rad/s]: within it an interval may have a reversal in it, or none.
+        Standard deviation of the speed's noise [rad/s], by which the detection of reversals is widened.
     """
     averaged = np.zeros(speed_rad_s.size, dtype=np.bool_)
     sign = np.sign(speed_rad_s)
@@ -525,17 +527,17 @@ def averages_over_reversals(speed_rad_s: FloatArray, drag_Nm: FloatArray, noise_
     around = around[np.isfinite(drag_Nm[around])]
     if around.size == 0:
         return averaged
-    # The dry friction around each: most samples there are whole ones.
+    # The dry friction around each reversal; most samples there contain none, so the median is not affected.
     near = sliding_window_view(np.pad(drag_Nm, LEVEL_REACH, constant_values=np.nan), 2 * LEVEL_REACH + 1)
     level = np.nanmedian(near[around], axis=1)
     along, *shifted = (
         _mean_signs(speed_rad_s + shift)[:, around] * sign[around]
         for shift in (0.0, -SIGN_STDS * noise_rad_s, SIGN_STDS * noise_rad_s)
     )
-    straddles = along < STRADDLES  # what is beyond the record is not known, and none
-    of_points = np.broadcast_to(np.abs(drag_Nm[around] - level), along.shape)
+    straddles = along < STRADDLES  # False where the interval reaches beyond the record (NaN)
+    point_misfit = np.broadcast_to(np.abs(drag_Nm[around] - level), along.shape)
     means, points = (
-        np.sum(missed, axis=1, where=straddles) for missed in (np.abs(drag_Nm[around] - level * along), of_points)
+        np.sum(missed, axis=1, where=straddles) for missed in (np.abs(drag_Nm[around] - level * along), point_misfit)
     )
     left = np.where(points > 0.0, means / np.maximum(points, TINY), np.inf) / LEFT_SHARES
     best = int(np.argmin(left))
@@ -545,9 +547,9 @@ def averages_over_reversals(speed_rad_s: FloatArray, drag_Nm: FloatArray, noise_
 
 
 def _mean_signs(speed_rad_s: FloatArray) -> FloatArray:
-    """Return the mean sign of a speed that is straight between samples, over intervals as they may lie, (3, n).
+    """Return the mean sign of the linearly interpolated speed over intervals of one slot, float64 (3, n).
 
-    They are centred on their samples, end with them, or begin with them; NaN where they reach beyond the record.
+    The intervals are centred on, end at, or begin at their samples; NaN where they reach beyond the record.
     """
     middle = 0.5 * (speed_rad_s[1:] + speed_rad_s[:-1])
     first, last = (_mean_sign(speed_rad_s[:-1], middle), _mean_sign(middle, speed_rad_s[1:]))  # halves of an interval
@@ -557,7 +559,7 @@ def _mean_signs(speed_rad_s: FloatArray) -> FloatArray:
 
 
 def _mean_sign(begin: FloatArray, end: FloatArray) -> FloatArray:
-    """Return the mean sign of what goes straight from one value to the other, (n,)."""
+    """Return the mean sign of a linear change from one value to the other, float64 (n,)."""
     change = end - begin
-    still = change == 0.0
-    return np.where(still, np.sign(begin), (np.abs(end) - np.abs(begin)) / np.where(still, 1.0, change))
+    constant = change == 0.0
+    return np.where(constant, np.sign(begin), (np.abs(end) - np.abs(begin)) / np.where(constant, 1.0, change))
