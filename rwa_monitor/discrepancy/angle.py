@@ -1,8 +1,8 @@
-"""What repeats with the angle of the wheel at any order, whole or not: a cage, balls that pass, a gear.
+"""Torque that is periodic in the angle of the wheel at any order, integer or not: from a cage, passing balls, a gear.
 
-The residual is laid on an even grid of the angle, where a line of any order is a line of its spectrum, as sharp as one
-over the turns of the record. A line in time, or in a motion that repeats, is none in the angle: it is held to show at
-low and at high speed alike.
+The residual is assigned to an even grid of the angle, where a periodic torque is a line of the spectrum, of width one
+over the turns of the record. To reject torque that is periodic in time, or in a motion that repeats, a line must
+have the same amplitude and phase at low and at high speed.
 """
 
 from __future__ import annotations
@@ -29,31 +29,31 @@ from rwa_monitor.wheel.effects.torque_ripple import (
     coherent_slots,
 )
 
-CELLS_PER_PERIOD: Final = 4  # of the highest order: what falls between cells blurs it by a tenth
-MOST_CELLS: Final = 2**21  # of a record; where it turns more often, high orders are not looked for
-NEAR: Final = 401  # orders around a line, in a block, that show what is there without it
-FEWEST_BLOCKS: Final = 4  # of orders, where a record has few
-SURE: Final = 15.0  # nepers of the false-alarm probability, over all orders tried, in powers of the background
-SURE_HARMONIC: Final = 12.0  # the same for one order that is given
-MOST_HARMONICS: Final = 20  # of a line: a rub that lasts a twentieth of a turn has so many alike
-FEWEST_WAVES: Final = 3.0  # within the range of the angle: fewer do not separate a line from a trend
-SAME_SHARE: Final = 0.5  # of the whole amplitude that low and high speeds must each show, in phase
-CLEARLY: Final = 1.1  # times the power: a tenth of the record in the other direction makes half as much again
-WHOLE_WITHIN: Final = 0.01  # of an order: as near to a whole one it is left to the ripple
-RESOLVED: Final = 1.0  # over the turns of the record: nearer to a whole order is whole
-SHARP: Final = 0.05  # of an order: the most that one over the turns may be
+CELLS_PER_PERIOD: Final = 4  # of the highest order, which averaging over a cell attenuates by a tenth
+MOST_CELLS: Final = 2**21  # of a record; in records of more turns, high orders are not searched
+NEAR: Final = 401  # orders in a block, from which the background of the spectrum is estimated
+FEWEST_BLOCKS: Final = 4  # blocks of orders, where a record has few orders
+SURE: Final = 15.0  # -log of the false-alarm probability over all orders tried; power relative to the background
+SURE_HARMONIC: Final = 12.0  # the same for a single given order
+MOST_HARMONICS: Final = 20  # of a line: a rub that lasts a twentieth of a turn has as many of similar size
+FEWEST_WAVES: Final = 3.0  # periods within the range of the angle: fewer do not separate a line from a trend
+SAME_SHARE: Final = 0.5  # of the overall amplitude that low and high speeds must each have, in phase
+CLEARLY: Final = 1.1  # ratio of powers; a tenth of the record in the other direction already raises it to 1.5
+WHOLE_WITHIN: Final = 0.01  # orders closer than this to an integer are left to the ripple
+RESOLVED: Final = 1.0  # over the turns of the record: orders closer than this to an integer count as one
+SHARP: Final = 0.05  # orders: the largest resolution at which lines are separated
 
 
 @dataclass(frozen=True, slots=True)
 class AngleLine:
-    """A drag that is periodic in the wheel's angle, at an order that is no whole number.
+    """A drag that is periodic in the wheel's angle, at a non-integer order.
 
     Attributes
     ----------
     order, order_std
         Periods per turn of the wheel [-].
     torque_Nm
-        float64 (n,), on the slots of its record.
+        float64 (n,), on the slots of its record [N m].
     size_Nm
         Root mean square [N m].
     """
@@ -64,7 +64,7 @@ class AngleLine:
     size_Nm: float
 
     def unexplained(self) -> Unexplained:
-        """Return it as what no effect of the catalogue explains."""
+        """Return it as a finding that no effect of the catalogue explains."""
         digits = max(int(np.ceil(-np.log10(max(self.order_std, 1e-6)))), 2)
         order = f"{self.order:.{digits}f} ± {self.order_std:.1g}"
         why = "no whole number: the cage, or balls that pass"
@@ -75,13 +75,13 @@ class AngleLine:
 
 
 def angle_line(problem: Problem, base: Fit) -> AngleLine | float | None:
-    """Return the line that the residual of the base model shows over the angle; None where there is none.
+    """Return the line in the residual of the base model over the angle; None where there is none.
 
-    Of a torque that does not follow the direction it is the order alone, for a ripple to try. So it is in a record of
-    few turns: there lines are broad, and what else is missing lies beneath them; the strongest is not sure by itself,
-    but the search may judge a ripple of that order as it judges those of whole orders.
+    If the torque does not change sign with the direction, only its order is returned, as a candidate for a ripple. The
+    same holds for the strongest line of a record of few turns: its lines are broad and overlap with other missing
+    effects, so that their significance is left to the search, which tests a ripple of that order like integer orders.
 
-    Looked for in a single record; of one speed, lines over the angle and over time are the same.
+    Only a single record is searched. At a constant speed, lines over the angle and over time are not separable.
     """
     if problem.at_one_speed or len(problem.records) > 1:
         return None
@@ -94,28 +94,28 @@ def angle_line(problem: Problem, base: Fit) -> AngleLine | float | None:
         return float(tried[np.argmax(above)]) if above.size else None
     if RESOLVED / whole > SHARP:
         return None
-    ripple, drag = problem.each(lambda values: _peak(at, values, whole), (of_ripple, of_drag))
-    # In one direction the two are the same: a ripple then, which has a name.
+    ripple, drag = problem.each(lambda values: _strongest_line(at, values, whole), (of_ripple, of_drag))
+    # With one direction of rotation the two are the same, and a ripple is assumed, which is in the catalogue.
     flips = drag is not None and (ripple is None or drag[0] > CLEARLY * ripple[0])
     peak, values = (drag, of_drag) if flips else (ripple, of_ripple)
     if peak is None:
         return None
-    order = _refined(values, at, peak[1], whole)
-    amplitude = 2.0 * abs(_sum(values, at, order)) / at.size
+    order = _refined_order(values, at, peak[1], whole)
+    amplitude = 2.0 * abs(_fourier_sum(values, at, order)) / at.size
     gain = 0.5 * at.size * amplitude**2 / problem.noise.long_run_variance
     if gain < ACCEPT_GAIN + len(TorqueRipple.parameters) * problem.log_size or not _at_all_speeds(
         problem, values, at, order
     ):
         return None
-    # Changes of direction make sidebands of a ripple of whole order, which follow the direction.
+    # Changes of direction cause sidebands of a ripple of integer order, which change sign with the direction.
     if round(order) >= 1 and abs(order - round(order)) < max(RESOLVED / whole, WHOLE_WITHIN):
         return None
     if not flips:
         return order
     std = float(np.sqrt(2.0 / at.size) * np.std(values) / max(2 * np.pi * amplitude * float(np.std(at)), TINY))
-    # The harmonics that are sure, laid on the slots.
+    # The significant harmonics are fitted and evaluated on all slots.
     sure = SURE_HARMONIC * at.size * float(np.var(values))
-    kept = [k for k in range(1, MOST_HARMONICS + 1) if k == 1 or abs(_sum(values, at, k * order)) ** 2 > sure]
+    kept = [k for k in range(1, MOST_HARMONICS + 1) if k == 1 or abs(_fourier_sum(values, at, k * order)) ** 2 > sure]
     angle = np.outer(2.0 * np.pi * order * turns, kept)
     design = np.column_stack([np.cos(angle), np.sin(angle)])
     torque = np.nan_to_num(design @ np.linalg.lstsq(design[problem.slot], values)[0])
@@ -124,25 +124,25 @@ def angle_line(problem: Problem, base: Fit) -> AngleLine | float | None:
 
 
 def ripple_with(order: float) -> type[TorqueRipple]:
-    """Return the effect `torque_ripple` as a candidate of the search that tries an order more."""
+    """Return the effect `torque_ripple` as a candidate of the search with one further order to try."""
     *strengths, harmonic = TorqueRipple.parameters
     tried = (*strengths, replace(harmonic, choices=(*harmonic.choices, order)))
     return type("TorqueRippleOfAnyOrder", (TorqueRipple,), {"parameters": tried})
 
 
-def _sum(values: FloatArray, at: FloatArray, order: float) -> complex:
+def _fourier_sum(values: FloatArray, at: FloatArray, order: float) -> complex:
     return complex(np.sum(values * np.exp(-2j * np.pi * order * at)))
 
 
-def _peak(at: FloatArray, values: FloatArray, whole: float) -> tuple[float, float] | None:
-    """Return how far the surest line is above what is around it, and the order of its fundamental; None if none is."""
+def _strongest_line(at: FloatArray, values: FloatArray, whole: float) -> tuple[float, float] | None:
+    """Return the strongest line's power over the background, and the order of its fundamental; None if none."""
     above, order = _spectrum(at, values, whole)
     if order.size < NEAR:
         return None
     best = int(np.argmax(above))
     if above[best] < SURE + np.log(above.size):
         return None
-    for parts in (4, 3, 2):  # the surest may be a harmonic
+    for parts in (4, 3, 2):  # the strongest line may be a harmonic
         part = order[best] / parts
         near = np.abs(order - part) <= 1.0 / whole
         if part >= order[0] and near.any() and float(above[near].max()) > SURE_HARMONIC:
@@ -151,10 +151,10 @@ def _peak(at: FloatArray, values: FloatArray, whole: float) -> tuple[float, floa
 
 
 def _spectrum(at: FloatArray, values: FloatArray, whole: float) -> tuple[FloatArray, FloatArray]:
-    """Return the power over the angle, and its orders, two for each that the range of the angle resolves.
+    """Return the power spectrum over the angle, and its orders, spaced by half of the angle's resolution.
 
-    It is relative to what the power around each order would be on average without lines, from medians of blocks of
-    orders: what is smooth over the angle, as a law of speed that is missing, is no line.
+    The power is relative to the background, which is estimated by medians of blocks of orders. A residual that is
+    smooth over the angle, such as that of a missing law of speed, therefore causes no line.
     """
     per_turn = min(CELLS_PER_PERIOD * MAX_HARMONIC, int(MOST_CELLS / whole))
     size = fft.next_fast_len(max(int(2 * whole * per_turn), 1), real=True)
@@ -170,51 +170,51 @@ def _spectrum(at: FloatArray, values: FloatArray, whole: float) -> tuple[FloatAr
         return power[:0], order[:0]
     blocks = power[: power.size - power.size % near].reshape(-1, near)
     middle = (np.arange(len(blocks)) + 0.5) * near
-    # The median of an exponential law is log 2 of its mean.
+    # The median of an exponential distribution is log 2 times its mean.
     around = np.interp(np.arange(power.size), middle, np.median(blocks, axis=1) / np.log(2.0))
     return power / np.maximum(around, TINY), order
 
 
-def _refined(values: FloatArray, at: FloatArray, order: float, whole: float) -> float:
-    """Return the order of most power within one resolved order."""
+def _refined_order(values: FloatArray, at: FloatArray, order: float, whole: float) -> float:
+    """Return the order of maximum power within half the resolution on either side."""
     limits = (order - 0.5 / whole, order + 0.5 / whole)
-    found = optimize.minimize_scalar(lambda h: -abs(_sum(values, at, h)), bounds=limits, method="bounded")
+    found = optimize.minimize_scalar(lambda h: -abs(_fourier_sum(values, at, h)), bounds=limits, method="bounded")
     return float(found.x)
 
 
 def _at_all_speeds(problem: Problem, values: FloatArray, at: FloatArray, order: float) -> bool:
-    """Return whether low and high speeds show a line of the same size and phase."""
+    """Return whether the line has a similar amplitude and the same phase at low and at high speeds."""
     slow = problem.speed <= np.median(problem.speed)
-    both = _sum(values, at, order) / at.size
-    parts = [_sum(values[part], at[part], order) / max(int(part.sum()), 1) for part in (slow, ~slow)]
+    both = _fourier_sum(values, at, order) / at.size
+    parts = [_fourier_sum(values[part], at[part], order) / max(int(part.sum()), 1) for part in (slow, ~slow)]
     return all((part * np.conj(both)).real >= SAME_SHARE * abs(both) ** 2 for part in parts)
 
 
-# ---- how far the integrated angle has drifted, by the phase of a torque ripple ---------------------------------------
-# The angle of the wheel is the integral of a noisy speed: its error is a random walk, and after `coherent_slots` the
-# phase of a harmonic is lost by a radian (docs/effects/torque_ripple.md). Over blocks shorter than
-# that a harmonic is a line still; the phases of the blocks, smoothed by the random walk that the speed's noise makes,
-# give the drift, and with it the ripple is coherent over the whole record.
+# ---- drift of the integrated angle, by the phase of a torque ripple --------------------------------------------------
+# The angle of the wheel is the integral of a noisy speed: its error is a random walk, which reaches one radian of the
+# phase of a harmonic after `coherent_slots` (docs/effects/torque_ripple.md). Within shorter blocks a harmonic is still
+# coherent. The phases of the blocks, smoothed under the random walk caused by the noise of the speed, give the drift;
+# corrected for it, the ripple is coherent over the whole record.
 
 
 ComplexArray = NDArray[np.complex128]
 
-BLOCKS_PER_COHERENCE: Final = 8  # the phase wanders by 1/√8 rad within a block
-SHORTEST_BLOCK: Final = 32  # slots: shorter sums hold too little of a line
-MOST_BLOCKS: Final = 16  # in which the time between friction and speed is looked for
-FINE: Final = 8  # places that are tried within a line's width
-SURE_DRIFT: Final = 8.0  # standard deviations of the blocks' power above noise, the best of 48 harmonics
+BLOCKS_PER_COHERENCE: Final = 8  # the phase drifts by 1/√8 rad within a block
+SHORTEST_BLOCK: Final = 32  # slots: in shorter blocks a line does not stand out from the noise
+MOST_BLOCKS: Final = 16  # blocks, up to which the time offset of friction from speed is estimated
+FINE: Final = 8  # time offsets that are tried within the width of a peak
+SURE_DRIFT: Final = 8.0  # standard deviations of the blocks' power above noise, for the best of 48 harmonics
 
 
 def with_angle_drift(problem: Problem, base: Fit) -> Problem:
-    """Return the problem with the drift of each record's angle, where a ripple shows it.
+    """Return the problem with the drift of each record's angle, where a ripple makes it observable.
 
     Parameters
     ----------
     problem
         The data.
     base
-        A fit whose residual holds the ripple.
+        A fit whose residual contains the ripple.
     """
     residuals = problem.spread(base.residual * problem.sign)
     drifts = [
@@ -228,16 +228,18 @@ def with_angle_drift(problem: Problem, base: Fit) -> Problem:
 
 
 def track_drift(record: Record, residual_Nm: FloatArray, variance: float) -> FloatArray | None:
-    """Return the drift of the angle, float64 (n,) [rad]; None where no ripple is sure or the angle is measured.
+    """Return the drift of the angle, float64 (n,) [rad]; None if no ripple is significant or the angle is measured.
+
+    It includes the angle that the wheel turns during `time_between`.
 
     Parameters
     ----------
     record
-        The record: its speed and the noise of it.
+        The record, with its speed and the noise of the speed.
     residual_Nm
-        float64 (n,), what a model leaves of the torque on the slots, 0 where unknown.
+        float64 (n,), residual torque of a model on the slots, 0 where unknown [N m].
     variance
-        Variance of the residual's noise at any frequency, at most [N² m²].
+        Upper bound of the variance of the residual's noise at any frequency [N² m²].
     """
     channels = record.channels
     if channels.measured_angle_rad is not None:
@@ -248,7 +250,7 @@ def track_drift(record: Record, residual_Nm: FloatArray, variance: float) -> Flo
     counted = (residual_Nm != 0.0).astype(np.float64)
     sure: list[tuple[float, int, int, ComplexArray, FloatArray]] = []
     for harmonic in range(1, MAX_HARMONIC + 1):
-        length = _block(harmonic, record)
+        length = _block_length(harmonic, record)
         if 2 * length > residual_Nm.size:
             continue
         edges = np.arange(0, residual_Nm.size, length)
@@ -269,10 +271,11 @@ def track_drift(record: Record, residual_Nm: FloatArray, variance: float) -> Flo
 
 
 def time_between(record: Record, residual_Nm: FloatArray) -> float:
-    """Return by how much later friction is read than the speed [s], by the phase of a ripple; 0 where none is sure.
+    """Return how much later friction is read than the speed [s], from the phase of a ripple; 0 if not significant.
 
-    The wheel has then turned on by as much: the phase of a harmonic goes with the speed, and over an even grid of the
-    speed that is a line, within a sample's time. Its power is summed over blocks in which the phase wanders little.
+    With such an offset the phase of a harmonic is proportional to the speed: over an even grid of the speed it is a
+    spectral line at the offset, which is searched up to one sample period either way. Its power is summed over blocks
+    in which the phase drifts little.
 
     Parameters
     ----------
@@ -285,7 +288,7 @@ def time_between(record: Record, residual_Nm: FloatArray) -> float:
         return 0.0
     found, later_s, tried = 0.0, 0.0, 1
     for harmonic in range(1, MAX_HARMONIC + 1):
-        blocks = -(-speed.size // _block(harmonic, record))
+        blocks = -(-speed.size // _block_length(harmonic, record))
         if blocks > MOST_BLOCKS:
             break
         cell = np.pi / (2.0 * harmonic * period_s)
@@ -295,7 +298,7 @@ def time_between(record: Record, residual_Nm: FloatArray) -> float:
         turned = residual_Nm * np.exp(-1j * harmonic * angle)
         cells = np.bincount(at, turned.real, blocks * size) + 1j * np.bincount(at, turned.imag, blocks * size)
         power = np.sum(np.abs(fft.fft(cells.reshape(blocks, size))) ** 2, axis=0)
-        # Of noise, a power is a sum of so many exponential laws: its median is a third of one below its mean.
+        # The power of noise is a sum of `blocks` exponential variables: its median is 1/3 of one's mean below its mean.
         power /= max(total / blocks, float(np.median(power)) / (blocks - 1.0 / 3.0), TINY)
         times_s = 2.0 * np.pi * fft.fftfreq(size, cell) / harmonic
         within = np.flatnonzero(np.abs(times_s) <= period_s)
@@ -307,21 +310,21 @@ def time_between(record: Record, residual_Nm: FloatArray) -> float:
     return later_s if found > SURE + np.log(tried) else 0.0
 
 
-def _block(harmonic: int, record: Record) -> int:
-    """Return over how many slots the phase of a harmonic wanders little."""
+def _block_length(harmonic: int, record: Record) -> int:
+    """Return the number of slots over which the phase of a harmonic drifts little."""
     coherent = coherent_slots(harmonic, record.speed_noise_rad_s, record.channels.sample_period_s)
     return max(coherent // BLOCKS_PER_COHERENCE, SHORTEST_BLOCK)
 
 
 def smooth_phase(sums: ComplexArray, noise: FloatArray, walk: float) -> FloatArray:
-    """Smooth the phases of complex sums that wander as a random walk (Rauch, Tung and Striebel, AIAA J. 3, 1965).
+    """Smooth the phases of complex sums that drift as a random walk (Rauch, Tung and Striebel, AIAA J. 3, 1965).
 
     Parameters
     ----------
     sums
-        complex128 (m,), sum of each block.
+        complex128 (m,), sum of each block [N m].
     noise
-        float64 (m,), variance of each quadrature of a sum.
+        float64 (m,), variance of each quadrature of a sum [N² m²].
     walk
         Variance of the change of phase from one block to the next [rad²].
 
@@ -331,15 +334,15 @@ def smooth_phase(sums: ComplexArray, noise: FloatArray, walk: float) -> FloatArr
         float64 (m,) [rad], unwrapped.
     """
     amplitude2 = max(float(np.sum(np.abs(sums) ** 2 - 2.0 * noise)) / max(sums.size, 1), TINY)
-    spread = np.maximum(noise, 1e-3 * amplitude2) / amplitude2  # of a phase, to first order
+    spread = np.maximum(noise, 1e-3 * amplitude2) / amplitude2  # variance of a phase, to first order
     first = int(np.argmax(np.abs(sums)))
     mean, variance = np.empty(sums.size), np.empty(sums.size)
-    for order in (range(first, sums.size), range(first, -1, -1)):  # outwards from the surest block
+    for order in (range(first, sums.size), range(first, -1, -1)):  # outwards from the block with the largest sum
         at, uncertainty = float(np.angle(sums[first])), float(spread[first])
         for k in order:
             if k != first:
                 uncertainty += walk
-                turn = float(np.angle(sums[k] * np.exp(-1j * at)))  # to the nearest turn
+                turn = float(np.angle(sums[k] * np.exp(-1j * at)))  # wrapped to half a turn either way
                 gain = uncertainty / (uncertainty + float(spread[k]))
                 at, uncertainty = at + gain * turn, (1.0 - gain) * uncertainty
             mean[k], variance[k] = at, uncertainty

@@ -1,9 +1,9 @@
-"""Recordings of test benches as the search takes them: a motor that is off, and clocks that do not tick evenly.
+"""Prepare recordings of test benches for the search: the motor may be off, and the clock may be uneven.
 
-Every row keeps its own value where friction is given, or where the motor is off and friction is the inertia's torque
-alone: the slots are made so short that each row has one of its own, and those between stay empty. Interpolated friction
-would have coloured noise that grows where rows are sparse, and both would be found. Only where friction is derived from
-a motor torque are speed and torque interpolated, as the filter for dω/dt needs neighbours.
+Where friction is given, or the motor is off and friction is -J dω/dt alone, every row keeps its value. The slots are
+made so short that each row has its own, and the slots between stay empty. Interpolated friction would have
+autocorrelated noise whose variance depends on the spacing of the rows, and the search would report both. Speed and
+torque are interpolated only where friction is derived from a motor torque, as the filter for dω/dt needs neighbours.
 """
 
 from __future__ import annotations
@@ -25,23 +25,23 @@ from rwa_monitor.wheel.torque_balance import friction_torque, inertia_of, with_w
 from rwa_monitor.wheel.wheel import Wheel
 from rwa_monitor.words import counted
 
-OFF_A_STEP: Final = 0.05  # of the median step, from the nearest whole number of them: a step of an uneven clock
-UNEVEN_SHARE: Final = 0.1  # of the steps; fewer are single late samples
-FINEST: Final = 8  # slots in a median step; rows that are closer still share one, and the first counts
+OFF_A_STEP: Final = 0.05  # median steps off the nearest whole multiple: from here on the step is uneven
+UNEVEN_SHARE: Final = 0.1  # of the steps, above which a clock is uneven; fewer are single late samples
+FINEST: Final = 8  # slots in a median step; of closer rows that share a slot only the first is used
 LONGEST_BRIDGE: Final = 4.0  # median steps between two rows over which values are interpolated
-NEAR_PERIOD: Final = (0.8, 1.25)  # median step over the wheel's period: so near, that period is kept
-STRETCH_SHARE: Final = 0.5  # of a stretch without a lost sample
-LOST: Final = 1.5  # median steps: a sample is lost
-WINDOW_SHARE: Final = 0.1  # of a recording, that a slope of the speed reaches over at most
-LEAST_HALF: Final = 2  # rows to each side from which dω/dt is estimated
-MOST_HALF: Final = 200
+NEAR_PERIOD: Final = (0.8, 1.25)  # median step over the wheel's period, between which that period is kept
+STRETCH_SHARE: Final = 0.5  # of the longest segment without a lost sample: the longest window for dω/dt
+LOST: Final = 1.5  # median steps, above which a sample is lost
+WINDOW_SHARE: Final = 0.1  # of the recording: the longest window for dω/dt
+LEAST_HALF: Final = 2  # rows on each side from which dω/dt is estimated, at least
+MOST_HALF: Final = 200  # rows on each side, at most
 MAX_GAP_FACTOR: Final = 4  # a record may hold at most this many slots per sample; sparser ones are wrong files
-BREAK: Final = 50.0  # median steps around a step that is a break
-STEPS_AROUND: Final = 11
-SHORTEST_STRETCH: Final = 16  # rows between two breaks; fewer show nothing of friction
-ROWS_AT_ONCE: Final = 10_000  # of which the neighbours are laid out: 32 MB at most, a few times
-WITHIN_A_TURN: Final = 1.001  # of a turn: the range of an angle that begins anew with each
-LOST_SHARE: Final = 0.5  # of what the speed turns by, that an angle may slip; more is another shaft's, or in degrees
+BREAK: Final = 50.0  # times the running median of the steps, above which a step is a break
+STEPS_AROUND: Final = 11  # steps of that running median
+SHORTEST_STRETCH: Final = 16  # rows between two breaks; shorter segments carry no information on friction
+ROWS_AT_ONCE: Final = 10_000  # rows whose windows are copied into one array: a few arrays of 32 MB at most
+WITHIN_A_TURN: Final = 1.001  # turns: the largest range of an angle that is wrapped to one turn
+LOST_SHARE: Final = 0.5  # of the turned angle, by which a measured one may differ; more means another shaft, or degrees
 SCALED_ONLY: Final = "motor off: friction is -J dω/dt, which the inertia only scales"
 MEAN_OF_A_TURN: Final = "speed measured within a turn: from pulses it is the mean over each"
 EVEN_CLOCK: Final = "an even clock: here the noise has the colour of slopes over several rows, or of interpolation"
@@ -55,13 +55,13 @@ class Bench:
     Attributes
     ----------
     recordings, held_out
-        Name and samples of each; one with breaks is several.
+        Name and samples of each; a recording with breaks is split into several.
     wheel
         With the sample period that fits them.
     notes
-        What was done to them, a sentence each.
+        One sentence for each change made to them.
     noise_is_made
-        Whether noise has the colour of what was done: of slopes over several rows, or of straight lines between them.
+        Whether the preparation autocorrelates the noise, by slopes over several rows or by linear interpolation.
     """
 
     recordings: list[tuple[str, Samples]]
@@ -72,9 +72,9 @@ class Bench:
 
 
 def is_even(time_ns: IntArray, *, whole: bool = False) -> bool:
-    """Return whether the clock ticks evenly: steps are the median step, or whole multiples where samples are lost.
+    """Return whether the clock is even: steps are the median step, or whole multiples of it where samples are lost.
 
-    `whole`: and hardly any is lost, so that windows for dω/dt are whole.
+    `whole`: multiples count as uneven, so that hardly any sample is lost and windows for dω/dt are complete.
     """
     if time_ns.size < 3:
         return True
@@ -86,12 +86,12 @@ def is_even(time_ns: IntArray, *, whole: bool = False) -> bool:
 def as_measured(
     recordings: Sequence[tuple[str, Samples]], wheel: Wheel, held_out: Sequence[tuple[str, Samples]] = ()
 ) -> Bench:
-    """Return recordings of a wheel on one even grid; unchanged where they are. What it returns it leaves unchanged.
+    """Return recordings of a wheel on one even grid; those already on it are unchanged (idempotent).
 
     Parameters
     ----------
     recordings, held_out
-        Name and samples of each, those that are searched and those that are not.
+        Name and samples of each recording to be searched, and of those held out.
     wheel
         Its constants.
 
@@ -100,28 +100,28 @@ def as_measured(
     InputError
         If the motor is off, friction is not given, and the wheel has no inertia.
     """
-    (searched, notes), (others, of_others) = _stretches(recordings, wheel), _stretches(held_out, wheel)
+    (searched, notes), (others, of_others) = _segments(recordings, wheel), _segments(held_out, wheel)
     fitted = _on_one_grid([*searched, *others], _with_short_window([*searched, *others], wheel))
     count, notes = len(searched), [*notes, *of_others, *fitted.notes]
     return replace(fitted, recordings=fitted.recordings[:count], notes=notes, held_out=fitted.recordings[count:])
 
 
 def _with_short_window(recordings: Sequence[tuple[str, Samples]], wheel: Wheel) -> Wheel:
-    """Return a wheel whose window for dω/dt, where its file states none, is a small part of the longest recording.
+    """Return the wheel with its window for dω/dt limited, unless the wheel file states a window.
 
-    And no more than half of the stretch without a lost sample that is the longest of all.
+    The limit is WINDOW_SHARE of the longest recording, and half of the longest segment without a lost sample.
     """
     derivative = wheel.friction.derivative
     longest_s = max((float(np.sum(_steps_s(samples))) for _, samples in recordings), default=np.inf)
-    whole_s = max((_longest_stretch_s(samples) for _, samples in recordings), default=np.inf)
+    whole_s = max((_longest_complete_s(samples) for _, samples in recordings), default=np.inf)
     most_s = min(WINDOW_SHARE * longest_s, STRETCH_SHARE * whole_s)
     if "window_s" in derivative.model_fields_set or derivative.window_s <= most_s:
         return wheel
     return with_window(wheel, most_s)
 
 
-def _longest_stretch_s(samples: Samples) -> float:
-    """Return the longest time without a lost sample [s], as an even clock shows them."""
+def _longest_complete_s(samples: Samples) -> float:
+    """Return the duration of the longest segment without a lost sample [s]; infinite where the clock is uneven."""
     steps = _steps_s(samples)
     if steps.size == 0 or not is_even(samples.time_ns, whole=True):
         return np.inf
@@ -143,19 +143,19 @@ def _on_one_grid(recordings: Sequence[tuple[str, Samples]], wheel: Wheel) -> Ben
     for name, samples in rows:
         fitted = samples
         if not even[name]:
-            # Within a turn straight lines would lead back from its end to its beginning.
-            fitted = _in_slots(samples, wheel) if own else _interpolated(with_turns(samples, name), wheel)
+            # A wrapped angle cannot be interpolated linearly from the end of one turn to the start of the next.
+            fitted = _first_in_slots(samples, wheel) if own else _interpolated(with_turns(samples, name), wheel)
             notes.append(f"{name}: {_in_words(samples, fitted, period_s, own=own)}")
         found.append((name, without_motor(fitted, wheel)))
     made = any(samples.friction_torque_Nm is None and not even[name] for name, samples in recordings)
     return Bench(found, wheel, notes, made)
 
 
-def _stretches(recordings: Sequence[tuple[str, Samples]], wheel: Wheel) -> tuple[list[tuple[str, Samples]], list[str]]:
-    """Return recordings with each stretch between breaks as one of its own, and what was done, a sentence each.
+def _segments(recordings: Sequence[tuple[str, Samples]], wheel: Wheel) -> tuple[list[tuple[str, Samples]], list[str]]:
+    """Return recordings split at breaks into segments, and one sentence for each recording that was split.
 
-    Breaks of an even clock that the grid has room for stay: they are slots without a sample. So do those of an uneven
-    one where friction is given: only a slope of the speed must not reach across a break.
+    Breaks of an even clock remain as empty slots if the grid has room for them. Breaks of an uneven clock remain where
+    friction is given, because only a slope of the speed must not extend across a break.
     """
     found, notes = [], []
     for name, samples in recordings:
@@ -179,14 +179,14 @@ def _stretches(recordings: Sequence[tuple[str, Samples]], wheel: Wheel) -> tuple
 
 
 def _breaks(steps_ns: IntArray) -> IntArray:
-    """Return the steps that are breaks: many times as long as those around."""
+    """Return the indices of steps that are breaks: more than BREAK times the running median of the steps."""
     if steps_ns.size < STEPS_AROUND:
         return np.zeros(0, dtype=np.int64)
     return np.flatnonzero(steps_ns > BREAK * median_filter(steps_ns, STEPS_AROUND, mode="mirror"))
 
 
 def _is_on_grid(samples: Samples, wheel: Wheel) -> bool:
-    """Return whether a recording is even, and where it may be of pulses also whether it has the wheel's period."""
+    """Return whether the clock is even and, if the speed is measured by pulses, has the wheel's period."""
     even = is_even(samples.time_ns, whole=samples.friction_torque_Nm is None)
     if wheel.pulses_per_turn is None or len(samples) < 3:
         return even
@@ -195,12 +195,12 @@ def _is_on_grid(samples: Samples, wheel: Wheel) -> bool:
 
 
 def with_turns(samples: Samples, source: str) -> Samples:
-    """Return the samples with a measured angle that counts on from turn to turn, by the integral of the speed.
+    """Return the samples with the measured angle unwrapped along the integral of the speed.
 
     Raises
     ------
     InputError
-        If the angle counts on as it was measured, and not as the speed's integral does.
+        If the angle was measured unwrapped and does not follow the integral of the speed.
     """
     angle, moving = samples.angle_rad, np.isfinite(samples.speed_rad_s)
     if angle is None or not (known := np.isfinite(angle)).any() or not moving.any():
@@ -224,23 +224,23 @@ def with_turns(samples: Samples, source: str) -> Samples:
 
 
 def not_shown_without_motor(effects: Sequence[type[MeanEffect]], wheel: Wheel, channels: Channels) -> dict[str, str]:
-    """Return the effects that no record shows while the motor is off, or of pulses, each with the reason.
+    """Return the effects that are not identifiable with the motor off, or from pulses, each with the reason.
 
     Parameters
     ----------
     effects
-        To be tested.
+        The effects to be tested.
     wheel
-        Whether its motor is off, and how its speed is measured.
+        States whether its motor is off, and how its speed is measured.
     channels
-        Of a record: what is nothing there without acceleration, the inertia only scales.
+        Channels of a record; an effect that vanishes there without acceleration is only scaled by the inertia.
     """
-    reasons = {effect.name: _why_not_shown(effect, wheel, channels) for effect in effects}
+    reasons = {effect.name: _why_unidentifiable(effect, wheel, channels) for effect in effects}
     return {name: why for name, why in reasons.items() if why is not None}
 
 
-def _why_not_shown(effect: type[MeanEffect], wheel: Wheel, moving: Channels) -> str | None:
-    """Return why an effect cannot show: each turn averages it out, or it is nothing without motor or acceleration."""
+def _why_unidentifiable(effect: type[MeanEffect], wheel: Wheel, moving: Channels) -> str | None:
+    """Return why an effect is not identifiable: averaged over each turn, or zero without motor or acceleration."""
     if wheel.pulses_per_turn is not None and issubclass(effect, TorqueRipple):
         return MEAN_OF_A_TURN
     if not wheel.friction.motor_off:
@@ -258,39 +258,39 @@ def _steps_s(samples: Samples) -> FloatArray:
 
 
 def _shortest_s(recordings: Sequence[Samples]) -> float:
-    """Return a period so short that every row has a slot of its own, but for rows much closer than usual [s]."""
+    """Return a period so short that every row has its own slot, except rows much closer than the median step [s]."""
     steps = [_steps_s(samples) for samples in recordings]
     return min(max(float(step.min()), float(np.median(step)) / FINEST) for step in steps if step.size)
 
 
 def _period_s(recordings: Sequence[Samples], wheel: Wheel) -> float:
-    """Return the wheel's period where it is about the median step, else that [s]."""
+    """Return the wheel's period if the median step is close to it, else the median step [s]."""
     median = float(np.median(np.concatenate([_steps_s(samples) for samples in recordings])))
     low, high = NEAR_PERIOD
     return wheel.sample_period_s if low < median / wheel.sample_period_s < high else median
 
 
-def _in_slots(samples: Samples, wheel: Wheel) -> Samples:
+def _first_in_slots(samples: Samples, wheel: Wheel) -> Samples:
     """Return the first row of each slot."""
     slot = np.rint((samples.time_ns - samples.time_ns[0]) / wheel.period_ns)
     return samples[np.unique(slot, return_index=True)[1]]
 
 
 def _interpolated(samples: Samples, wheel: Wheel) -> Samples:
-    """Return all channels on an even grid, by straight lines; NaN where rows are far apart."""
+    """Return all channels linearly interpolated on an even grid; NaN where rows are far apart."""
     time = samples.time_ns
     grid = np.arange(time[0], time[-1] + 1, wheel.period_ns, dtype=np.int64)
     longest = LONGEST_BRIDGE * float(np.median(np.diff(time)))
     columns: dict[str, Any] = {
-        name: _on_lines(grid, time, values, longest)
+        name: _interpolate(grid, time, values, longest)
         for name in TABLE_CHANNELS
         if (values := getattr(samples, name)) is not None
     }
     return Samples(time_ns=grid, **columns)
 
 
-def _on_lines(grid: IntArray, time: IntArray, values: FloatArray, longest: float) -> FloatArray:
-    """Return values at other times [ns], NaN between rows that are further apart than `longest` [ns]."""
+def _interpolate(grid: IntArray, time: IntArray, values: FloatArray, longest: float) -> FloatArray:
+    """Return values interpolated at the grid's times [ns]; NaN between rows more than `longest` [ns] apart."""
     known = np.isfinite(values)
     if not known.any():
         return np.full(grid.size, np.nan)
@@ -314,7 +314,7 @@ def _with_slope_friction(samples: Samples, wheel: Wheel) -> Samples:
 
 
 def _slopes(samples: Samples, window_s: float) -> FloatArray:
-    """Return dω/dt at each row [rad/s²], float64 (n,); NaN at ends and beside missing values."""
+    """Return dω/dt at each row [rad/s²], float64 (n,); NaN at the ends and near missing values."""
     half = int(np.clip(round(window_s / float(np.median(_steps_s(samples))) / 2), LEAST_HALF, MOST_HALF))
     if len(samples) <= 2 * half:
         return np.full(len(samples), np.nan)
@@ -327,7 +327,7 @@ def _slopes(samples: Samples, window_s: float) -> FloatArray:
 
 
 def _slopes_in(times: FloatArray, speeds: FloatArray, middle: int) -> FloatArray:
-    """Return the slope at the middle of each window, float64 (n,), from times and values (n, m)."""
+    """Return the slope of a parabola at the middle row of each window, float64 (n,); times and speeds are (n, m)."""
     offset = times - times[:, [middle]]
     scale = np.abs(offset).max(axis=1, keepdims=True)
     offset = offset / scale
@@ -338,7 +338,7 @@ def _slopes_in(times: FloatArray, speeds: FloatArray, middle: int) -> FloatArray
 
 
 def _in_words(rows: Samples, fitted: Samples, period_s: float, *, own: bool) -> str:
-    """Return in words what was done to a recording whose clock is uneven."""
+    """Return a text of how a recording with an uneven clock was placed on the grid."""
     steps, lost = _steps_s(rows), len(rows) - len(fitted)
     uneven = f"time steps are uneven ({steps.min():.3g} to {steps.max():.3g} s, median {np.median(steps):.3g} s)"
     if not own:

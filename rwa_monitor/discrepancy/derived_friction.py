@@ -1,7 +1,7 @@
 """Friction of a record that is derived from current and speed, corrected where the derivative misses dω/dt.
 
-The wheel's filter for dω/dt rounds off what bends and what has a corner. A bend is a polynomial, whose neighbours give
-by how much the filter is off; a corner is none, and friction is not known there.
+The wheel's filter for dω/dt smooths bends and corners of the speed. A bend is locally a polynomial, fitted to the
+neighbouring slots, from which the bias of the filter follows. At a corner no polynomial fits, and friction is unknown.
 """
 
 from __future__ import annotations
@@ -19,38 +19,38 @@ from rwa_monitor.wheel import torque_balance
 from rwa_monitor.wheel.effects.tachometer import ReadZone, quantisation_step
 from rwa_monitor.wheel.wheel import Wheel
 
-# Of a step: of the difference of two errors, each uniform over it (Widrow & Kollár, Quantization Noise, 2008).
+# Of a step: RMS of the difference of two errors, each uniform over it (Widrow & Kollár, Quantization Noise, 2008).
 RMS_OF_TWO_ROUNDINGS: Final = 6**-0.5
-BIAS_REACH: Final = 20  # slots beyond the derivative filter that determine its bias, at 17 % of the filter's noise
-SHORT_BIAS_REACH: Final = 12  # slots, of a second opinion
-BENT: Final = 2.0  # standard deviations of the friction from which the bias must be known well
-BIAS_KNOWN_TO: Final = 0.05  # of the bias: at a corner of the speed no polynomial agrees with the next
-CORNER: Final = 10.0  # standard deviations of the friction from which a bias must be known to AGREED_TO around it
-AGREED_TO: Final = 0.02  # of the largest bias around: so well do polynomials agree on a smooth bend
-UNCERTAIN: Final = 4.0  # standard deviations of the friction between two estimates: one of them has a corner
-CORNER_REACH: Final = 4  # slots on each side of such a corner
+BIAS_REACH: Final = 20  # slots beyond the derivative filter that determine its bias, with 17 % of the filter's noise
+SHORT_BIAS_REACH: Final = 12  # slots, of a second estimate of the bias
+BENT: Final = 2.0  # standard deviations of the friction, above which the bias must be known to BIAS_KNOWN_TO
+BIAS_KNOWN_TO: Final = 0.05  # of the bias: at a corner of the speed the two estimates differ by more
+CORNER: Final = 10.0  # standard deviations of the friction, above which the bias must be known to AGREED_TO around it
+AGREED_TO: Final = 0.02  # of the largest bias nearby: on a smooth bend the two estimates differ by less
+UNCERTAIN: Final = 4.0  # standard deviations of the friction between the two estimates: one of them includes a corner
+CORNER_REACH: Final = 4  # slots on each side of such a corner that are excluded
 CORNER_EDGE: Final = 2  # slots on each side of a step of torque in which its pulse may be lost in the noise
-# Half-width of a filter for dω/dt from which corners are seen whole; and what is no corner, like a ripple of the
-# torque, is too often taken for one to mask more than it, or to leave the bends around it [slots].
+# Half-width of a filter for dω/dt from which a detected corner is complete [slots]. In filters as wide, a ripple of the
+# torque is mistaken for a corner too often to exclude slots around each, or to undo the bias correction there.
 WIDE_HALF: Final = 8
-CORNER_WINDOWS: Final = 3  # derivative windows in which the speed must bend as a step of torque bends it
+CORNER_WINDOWS: Final = 3  # derivative windows over which the speed must bend as a step of torque implies
 
 
 @dataclass(frozen=True, slots=True)
 class DerivedFriction:
-    """Friction that was derived, and how far it can be believed.
+    """Derived friction and its systematic errors.
 
     Attributes
     ----------
     friction_Nm
         float64 (n,), K_T·I - J·dω/dt [N m], NaN at corners of the speed and where a value is missing.
     bent
-        bool (n,), where the correction is more than the noise.
+        bool (n,), slots where the correction exceeds the noise, and their neighbours.
     corners
-        How many slots are left out as corners.
+        Number of slots excluded as corners.
     unfollowed_Nm
-        float64 (n,), what a mean of the friction over the filter's window (`torque_balance.averaging_taps`) lacks to be
-        free of the torque that the filter does not follow [N m].
+        float64 (n,), to be added to the mean of the friction over the filter's window
+        (`torque_balance.averaging_taps`), which is then free of the torque that the filter does not follow [N m].
     """
 
     friction_Nm: FloatArray
@@ -69,7 +69,7 @@ def derived_friction(speed: FloatArray, torque: FloatArray, wheel: Wheel, torque
     wheel
         Its inertia and derivative filter.
     torque_step
-        Step in which the torque was read [N m], 0 for none.
+        Quantisation step of the torque [N m], 0 for none.
 
     Raises
     ------
@@ -83,7 +83,7 @@ def derived_friction(speed: FloatArray, torque: FloatArray, wheel: Wheel, torque
     uncertainty = np.abs(bias - inertia * _derivative_bias(speed, wheel, SHORT_BIAS_REACH))
     friction = friction + bias
     sigma = spread_of_differences(friction, 2 * hole + 1, torque_step) / np.sqrt(2.0)
-    # What a step of torque makes of it is no bend that a polynomial follows.
+    # The bias at a step of torque is not that of a bend, which a polynomial fits.
     rounding = torque_balance.rounding_error(speed, torque, wheel, CORNER_WINDOWS, soft=False)
     known = np.abs(friction[np.isfinite(friction)])
     typical = wheel.nominal.dry_torque_Nm if wheel.nominal else float(np.median(known)) if known.size else 0.0
@@ -91,16 +91,16 @@ def derived_friction(speed: FloatArray, torque: FloatArray, wheel: Wheel, torque
     stepped = (rounding != 0.0) & ~agreed
     if hole < WIDE_HALF:
         stepped = binary_dilation(stepped, iterations=CORNER_EDGE)
-        # Where a polynomial reaches a corner it draws a bend around it that is not there.
+        # A polynomial whose slots include a corner adds a spurious bend around it: its correction is undone.
         smeared = binary_dilation(stepped, iterations=hole + BIAS_REACH) & (np.abs(bias) < BENT * sigma)
         friction[smeared] -= bias[smeared]
     unknown = (np.abs(bias) > BENT * sigma) & (uncertainty > BIAS_KNOWN_TO * np.abs(bias))
-    # Opinions may agree by chance in the middle of a corner, but not all around it.
+    # The two estimates may agree by chance in the middle of a corner, but not everywhere around it.
     largest, most_uncertain = (maximum_filter(np.abs(values), 2 * hole + 1) for values in (bias, uncertainty))
     corner = (np.abs(bias) > CORNER * sigma) & (most_uncertain > AGREED_TO * largest)
     corner |= (uncertainty > UNCERTAIN * sigma) & (uncertainty > AGREED_TO * largest)
     hidden = unknown | stepped | binary_dilation(corner, iterations=CORNER_REACH)
-    # A step of torque in the first or last sample is seen by no slot outside of it.
+    # A step of torque in the first or last samples has no slots beyond it from which to detect it.
     at = np.flatnonzero(np.isfinite(friction))
     if at.size > 2 * hole:
         for ends, inner in ((at[:hole], at[hole]), (at[-hole:], at[-hole - 1])):
@@ -108,29 +108,29 @@ def derived_friction(speed: FloatArray, torque: FloatArray, wheel: Wheel, torque
     corners = int(np.count_nonzero(hidden & np.isfinite(friction)))
     friction[hidden] = np.nan
     bent = binary_dilation(np.abs(bias) > sigma, iterations=CORNER_REACH)
-    # The filter averages dω/dt over its window: where the torque is averaged alike, they belong together.
+    # The filter averages dω/dt over its window: with the torque averaged alike, both refer to the same interval.
     averaged = correlate1d(torque - friction, torque_balance.averaging_taps(wheel), mode="constant", cval=np.nan)
     return DerivedFriction(friction, bent, corners, averaged - (torque - derived))
 
 
 def _derivative_bias(speed: FloatArray, wheel: Wheel, reach: int) -> FloatArray:
-    """Return by how much the wheel's derivative filter misses dω/dt where that bends [rad/s²].
+    """Return the bias of the wheel's derivative filter where dω/dt changes [rad/s²].
 
-    A least-squares parabola smooths the acceleration of a fast slew: friction derived with it is off by several
-    standard deviations while the acceleration rises and falls. An odd polynomial of fifth order through `reach` slots
-    just outside the filter, which share no noise with it, gives by how much; 0 where it meets a gap or an end.
+    A least-squares parabola smooths the acceleration of a fast slew: friction derived with it is biased by several
+    standard deviations while the acceleration rises and falls. The bias is that of an odd polynomial of fifth order
+    fitted to `reach` slots just outside the filter on each side, which share no noise with it; 0 near a gap or an end.
     """
     return np.nan_to_num(correlate1d(speed, _bias_taps(wheel, reach), mode="constant", cval=np.nan))
 
 
 def speed_noise_taps(wheel: Wheel) -> FloatArray:
-    """Return the filter [1/s], centred, with which noise of the speed enters derived friction: slope and correction."""
+    """Return the centred filter [1/s] by which noise of the speed enters derived friction: slope plus correction."""
     taps = torque_balance.derivative_taps(wheel.friction.derivative, wheel.sample_period_s)
     return np.pad(taps, BIAS_REACH) - _bias_taps(wheel, BIAS_REACH)
 
 
 def _bias_taps(wheel: Wheel, reach: int) -> FloatArray:
-    """Return the odd filter of `_derivative_bias` [1/s], centred; zero where the derivative's own filter reaches."""
+    """Return the centred odd filter of `_derivative_bias` [1/s]; zero within the derivative's own filter."""
     taps = torque_balance.derivative_taps(wheel.friction.derivative, wheel.sample_period_s)
     half = taps.size // 2
     j = np.arange(half + 1, half + reach + 1)
@@ -146,7 +146,7 @@ def _bias_taps(wheel: Wheel, reach: int) -> FloatArray:
 def spread_of_differences(values: FloatArray, lag: int, step: float) -> float:
     """Return the standard deviation of the noise in differences, from their median; infinite where none is known.
 
-    With quantised readings most differences are nothing, or one step: it is no less than that of two rounding errors.
+    With quantised readings most differences are zero or one step: the result is at least that of two rounding errors.
 
     Parameters
     ----------
@@ -155,23 +155,23 @@ def spread_of_differences(values: FloatArray, lag: int, step: float) -> float:
     lag
         Slots that the differences are taken over.
     step
-        In which the values were read, 0 for none.
+        Quantisation step of the values, 0 for none.
     """
     differences = values[lag:] - values[:-lag]
     known = np.abs(differences[np.isfinite(differences)])
     return max(float(np.median(known)) / 0.6745, step * RMS_OF_TWO_ROUNDINGS) if known.size else np.inf
 
 
-# ---- steps in which the torque was read that friction comes from: quantisation by an analogue-to-digital converter ---
+# ---- quantisation steps of the torque that friction comes from, by an analogue-to-digital converter ------------------
 
 
-FEWEST_LEVELS: Final = 3  # readings, all different, of which a step can be estimated
-MOST_LEVELS: Final = 0.5  # of the samples: where so many readings differ, steps are finer than the noise
+FEWEST_LEVELS: Final = 3  # distinct readings from which a step can be estimated
+MOST_LEVELS: Final = 0.5  # distinct readings per sample, from which steps are finer than the noise
 
 
 @dataclass(frozen=True, slots=True)
 class Steps:
-    """Steps of a channel: its name in words, the step in its own unit, and what that is of torque [N m]."""
+    """Quantisation steps of a channel: its name, the step in its own unit, and the equivalent torque [N m]."""
 
     channel: str
     size: float
@@ -182,14 +182,13 @@ class Steps:
 def steps_of(samples: Samples, wheel: Wheel, name: torque_balance.Source) -> Steps | None:
     """Return the steps of the channel `name` that friction comes from; None where its readings are not quantised.
 
-    A table written with seven digits is quantised too: whether a step is of any consequence is for the caller to
-    see.
+    A table written with seven digits is quantised too: the caller must check whether a step has any consequence.
     """
     values: FloatArray = getattr(samples, name)
     readings = np.unique(values[np.isfinite(values)])
     if not FEWEST_LEVELS <= readings.size < MOST_LEVELS * values.size:
         return None
-    # A converter's zero need not be zero: differences are on the grid.
+    # A converter may have an offset: only differences of readings lie on the grid.
     step = quantisation_step(readings - readings[0])
     if step is None:
         return None
@@ -198,18 +197,18 @@ def steps_of(samples: Samples, wheel: Wheel, name: torque_balance.Source) -> Ste
     return Steps("friction" if name == "friction_torque_Nm" else "motor torque", step, "N m", step)
 
 
-# ---- the window that dω/dt is estimated over -------------------------------------------------------------------------
+# ---- the window over which dω/dt is estimated ------------------------------------------------------------------------
 
 
-WINDOWS: Final = 12  # that are tried, each the same factor wider
+WINDOWS: Final = 12  # widths that are tried, in geometric progression
 
 
 @dataclass(frozen=True, slots=True)
 class Motion:
-    """What is measured of a record on its slots, float64 (n,): speed [rad/s], motor torque and friction [N m].
+    """The measured channels of a record on its slots, float64 (n,): speed [rad/s], motor torque and friction [N m].
 
-    The torque is None where it is not measured, friction where it is to be derived; `steps` are those of the channel
-    that friction comes from. In the `zone` where its reading rests the speed is not known.
+    The torque is None where it is not measured, friction where it is to be derived. `steps` are those of the channel
+    that friction comes from. In the dead `zone` of its readings the speed is unknown (NaN).
     """
 
     speed_rad_s: FloatArray
@@ -220,17 +219,17 @@ class Motion:
 
     @property
     def torque_step_Nm(self) -> float:
-        """Return the step in which the torque was read that friction comes from [N m], 0 where there is none."""
+        """Return the quantisation step of the torque that friction comes from [N m], 0 where there is none."""
         return 0.0 if self.steps is None else self.steps.torque_Nm
 
 
 def with_fitting_window(motions: Sequence[Motion], wheel: Wheel) -> Wheel:
-    """Return the wheel with the widest window for dω/dt, up to its own, whose error is not seen beside other errors.
+    """Return the wheel with the widest window for dω/dt, up to its own, whose smoothing error is negligible.
 
-    What a window averages away of the acceleration it averages away of the motor's torque, too, and the two have noises
-    of their own: the mean product of both is the square of the error. What else the slope varies by is noise of the
-    speed, which falls with Σ j² over the window (see `torque_balance.derivative_taps`). No harm is what the noise of
-    the torque hides, or a small part of the friction.
+    A window smooths the acceleration and, averaged alike, the motor's torque. The two losses have independent noise, so
+    that the mean of their product estimates the squared error. The rest of the slope's variance is noise of the speed,
+    which falls with Σ j² over the window (see `torque_balance.derivative_taps`). The widest window is taken whose sum
+    of both exceeds the least sum by no more than the noise of the torque, or a small part of the friction, squared.
     """
     period_s, most = wheel.sample_period_s, torque_balance.half_width(wheel.friction.derivative, wheel.sample_period_s)
     derived = [motion for motion in motions if motion.torque_Nm is not None and motion.friction_Nm is None]
@@ -238,7 +237,7 @@ def with_fitting_window(motions: Sequence[Motion], wheel: Wheel) -> Wheel:
         return wheel
     halves = np.unique(np.rint(np.geomspace(LEAST_HALF, most, WINDOWS)))
     wheels = [*(torque_balance.with_window(wheel, 2.0 * half * period_s) for half in halves[:-1].tolist()), wheel]
-    missed = [_missed(motion, wheels) for motion in derived]
+    missed = [_squared_errors(motion, wheels) for motion in derived]
     error, spread, harmless = (np.concatenate(parts, axis=-1) for parts in zip(*missed, strict=True))
     if not harmless.size:
         return wheel
@@ -248,10 +247,10 @@ def with_fitting_window(motions: Sequence[Motion], wheel: Wheel) -> Wheel:
     return wheels[int(np.flatnonzero(risk <= risk.min() + harmless.mean())[-1])]
 
 
-def _missed(motion: Motion, wheels: Sequence[Wheel]) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return the square of what each window averages away, of the widest one's slope alone, and of what is no harm.
+def _squared_errors(motion: Motion, wheels: Sequence[Wheel]) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return the squared error of each window, the squared change of the widest window's slope, the negligible square.
 
-    float64 (windows, n), (n,) and (n,) at the slots where all are known [N² m²], against the first window.
+    float64 (windows, n), (n,) and (n,) at the slots where all are known [N² m²], relative to the first window.
     """
     assert motion.torque_Nm is not None
     torque = motion.torque_Nm

@@ -1,16 +1,16 @@
-"""Torque that was read in steps: its rounding is undone as far as a model of the record allows.
+"""Remove the rounding from torque that was quantised in coarse steps, given a model of the record.
 
-Rounding to steps of several standard deviations is no noise: where the torque rests, the error rests with it, and where
-the torque moves, mean and spread of the error follow it (B. Widrow, I. Kollár, Quantization Noise, 2008, chapter 4).
-Levels, laws of speed and a cage would be read out of that; and a median of quantised differences is nothing, or a
-step. But the reading shows between which two values the torque was. So each sample is drawn from the normal law about
-a model, as far as it lies within the step that was read: where the model is right that is the unrounded record's own
-law, and nothing has to be known of rounding by what comes after (data augmentation: M. A. Tanner, W. H. Wong, JASA 82,
-1987; as residuals: P. K. Dunn, G. K. Smyth, J. Comp. Graph. Stat. 5, 1996). Model and draws are found in turns (the
-stochastic EM of G. Celeux, J. Diebolt, 1985) with the same uniform numbers in each, which makes it a fixed point.
+Rounding to steps of several standard deviations is not noise: while the torque is constant, so is the error, and while
+it changes, mean and variance of the error depend on it (B. Widrow, I. Kollár, Quantization Noise, 2008, chapter 4). The
+search would find levels, laws of speed and a cage in such errors; and a median of quantised differences is zero or one
+step. But a reading bounds the torque from both sides. Each sample is therefore drawn from the normal distribution about
+a model's prediction, truncated to the step that was read. If the model is right, the draws are distributed as the
+unrounded record, and later stages need no treatment of rounding (data augmentation: M. A. Tanner, W. H. Wong, JASA 82,
+1987; as residuals: P. K. Dunn, G. K. Smyth, J. Comp. Graph. Stat. 5, 1996). Model and draws are computed alternately
+(the stochastic EM of G. Celeux, J. Diebolt, 1985), with the same uniform numbers each time: a fixed-point iteration.
 
-What the model lacks is drawn towards it within each step: an effect is found weaker than it is, and never stronger.
-Once it is found, the draws are repeated about the model that has it.
+An effect that the model lacks is attenuated, since samples are drawn towards the model: it is found weaker than it is,
+and never stronger. Once it is found, the draws are repeated about the model that includes it.
 """
 
 from __future__ import annotations
@@ -31,19 +31,19 @@ from rwa_monitor.samples import FloatArray
 from rwa_monitor.wheel.effects.tachometer import quantisation_step
 from rwa_monitor.wheel.wheel import Wheel
 
-COARSE: Final = 0.5  # standard deviations of the noise: finer steps are of no consequence
-FINE: Final = 4.0  # steps between neighbours, on the median: steps far below any noise or motion
-FINEST_NOISE: Final = 0.05  # of a step: less noise than that hardly ever shows
-ROUNDS: Final = 24  # of model and draws in turn, at most
-SETTLED: Final = 0.005  # change of the standard deviation
-FAR: Final = 8.0  # standard deviations: beyond, where within its step a sample lies is as good as known
-SEED: Final = 19871987  # fixed: the same record gives the same answer
+COARSE: Final = 0.5  # standard deviations of the noise: finer steps have no consequence
+FINE: Final = 4.0  # steps, the median difference of neighbours, from which steps are far finer than noise and motion
+FINEST_NOISE: Final = 0.05  # of a step: the least noise that is assumed; less rarely changes a reading
+ROUNDS: Final = 24  # alternations of model and draws, at most
+SETTLED: Final = 0.005  # relative change of the standard deviation at which alternation ends
+FAR: Final = 8.0  # standard deviations from the step to the model, at which the tail is cut off
+SEED: Final = 19871987  # fixed: the same record gives the same result
 
 
 def without_steps(records: Sequence[Record], wheel: Wheel) -> list[Record]:
-    """Return records whose friction was read in coarse steps with the rounding undone, about the base model.
+    """Return the records with the rounding removed about the base model, where friction was read in coarse steps.
 
-    Others, and those whose steps are fine beside their noise, are returned as they are.
+    Records whose steps are fine relative to their noise are returned with `steps` None, all others unchanged.
 
     Raises
     ------
@@ -57,7 +57,7 @@ def without_steps(records: Sequence[Record], wheel: Wheel) -> list[Record]:
         replace(record, friction_torque_Nm=record.friction_torque_Nm + record.torque_step_Nm * (u - 0.5))
         for record, u in zip(records, _uniform(records), strict=True)
     ]
-    variance = make_problem(spread, wheel).noise.std ** 2  # with that of two rounding errors in it
+    variance = make_problem(spread, wheel).noise.std ** 2  # includes that of two rounding errors
     steps = [record.torque_step_Nm for record in records]
     coarse = [step > COARSE * np.sqrt(max(variance - step**2 / 6.0, 0.0)) for step in steps]
     kept = [record if of_one else replace(record, steps=None) for record, of_one in zip(records, coarse, strict=True)]
@@ -69,13 +69,13 @@ def without_steps(records: Sequence[Record], wheel: Wheel) -> list[Record]:
 
 
 def _may_matter(record: Record) -> bool:
-    """Return whether a record's steps are not far finer than what neighbours differ by; that needs no model."""
+    """Return whether a record's steps are not far finer than the differences of neighbours; this needs no model."""
     change = np.abs(np.diff(record.friction_torque_Nm[record.used]))
     return record.torque_step_Nm > 0.0 and change.size > 0 and float(np.median(change)) < FINE * record.torque_step_Nm
 
 
 def drawn_again(problem: Problem, model: Fit, again: Callable[[Problem], Fit]) -> list[Record] | None:
-    """Return the records of a problem with the rounding undone about a better model; None where none is rounded.
+    """Return the records of a problem with the rounding removed about a better model; None where none is rounded.
 
     Parameters
     ----------
@@ -84,15 +84,15 @@ def drawn_again(problem: Problem, model: Fit, again: Callable[[Problem], Fit]) -
     model
         The fit of the better one.
     again
-        Fits it to a problem with other draws.
+        Fits that model to a problem with other draws.
     """
     if not any(record.torque_step_Nm > 0.0 for record in problem.records):
         return None
     return _drawn(problem, model, again)
 
 
-def _expected(problem: Problem, model: Fit) -> FloatArray:
-    """Return what a model expects of z, float64 (n,) [N m], with no weak jump: what rests on a step looks like one."""
+def _predicted(problem: Problem, model: Fit) -> FloatArray:
+    """Return a model's prediction of z, float64 (n,) [N m], without weak jumps, which resting on a step mimics."""
     return problem.z - model.residual - model.level + strong_level(problem, model.level)
 
 
@@ -102,20 +102,20 @@ def _uniform(records: Sequence[Record]) -> list[FloatArray]:
 
 
 def _drawn(problem: Problem, fitted: Fit, again: Callable[[Problem], Fit]) -> list[Record]:
-    """Draw each sample of z within its step about what a model expects, and fit, in turns."""
+    """Draw each sample of z within its step about the model's prediction, and refit the model, alternately."""
     step = problem.gather([np.full(record.used.size, record.torque_step_Nm) for record in problem.records])
     uniform = problem.gather(_uniform(problem.records))
     read = problem.gather([_as_read(record) for record in problem.records]) * problem.sign
-    expected, std = _expected(problem, fitted), problem.noise.std
+    expected, std = _predicted(problem, fitted), problem.noise.std
     for _ in range(ROUNDS):
-        z = _within(read, step, expected, std, uniform)
+        z = _truncated(read, step, expected, std, uniform)
         drawn = replace(problem, z=z, z_measured=z)
         fitted = again(with_noise_of(drawn, z - expected))
-        expected, last = _expected(drawn, fitted), std
+        expected, last = _predicted(drawn, fitted), std
         std = with_noise_of(drawn, fitted.residual).noise.std
         if abs(std - last) < SETTLED * last:
             break
-    z = _within(read, step, expected, std, uniform)
+    z = _truncated(read, step, expected, std, uniform)
     records = []
     for record, values in zip(problem.records, problem.spread(z * problem.sign), strict=True):
         friction = np.where(record.used, values, record.friction_torque_Nm)
@@ -127,39 +127,39 @@ def _as_read(record: Record) -> FloatArray:
     return record.friction_torque_Nm if record.friction_as_read_Nm is None else record.friction_as_read_Nm
 
 
-def _within(read: FloatArray, step: FloatArray, expected: FloatArray, std: float, uniform: FloatArray) -> FloatArray:
-    """Return draws from a normal law within half a step of what was read, (n,); what has no step is left as it is.
+def _truncated(read: FloatArray, step: FloatArray, expected: FloatArray, std: float, uniform: FloatArray) -> FloatArray:
+    """Return draws from the normal law within half a step of the readings, (n,); readings without a step are unchanged.
 
-    Always on the lower tail, where a probability keeps its digits.
+    The draws use the lower tail, where probabilities keep their digits.
     """
     scale = np.where(step > 0.0, np.maximum(std, FINEST_NOISE * step), 1.0)
     near = np.abs(read - expected) - 0.5 * step
     high = -np.minimum(near / scale, FAR)
     low = high - step / scale
     probability = special.ndtr(low) + uniform * (special.ndtr(high) - special.ndtr(low))
-    inside = np.clip(special.ndtri(probability), low, high) - high  # from the near end, ≤ 0
+    inside = np.clip(special.ndtri(probability), low, high) - high  # from the end of the step nearest to the model, ≤ 0
     away = near - inside * scale
     return np.where(step > 0.0, np.where(read < expected, expected - away, expected + away), read)
 
 
-# ---- rounding of the speed that passes for a mean effect -------------------------------------------------------------
-# Where the speed stands on one reading for longer than the derivative's filter is wide, the rounding error of derived
-# friction is no noise: it follows the acceleration, step by step. What lives in the acceleration cannot be separated
-# from it.
+# ---- rounding of the speed that is mistaken for a mean effect --------------------------------------------------------
+# Where the speed keeps one reading for longer than the derivative's filter is wide, the rounding error of derived
+# friction is not noise: it follows the acceleration, step by step. Effects that depend on the acceleration are then
+# not identifiable.
 
 
 MISSING: Final = "a tachometer with finer steps: the speed stands on one reading for longer than the derivative looks"
 
 
 def without_rounding(problem: Problem, found: SearchResult) -> SearchResult:
-    """Withdraw the effects that rounding errors imitate, where they are coarse; they become untestable."""
+    """Withdraw the effects that coarse rounding errors mimic, and those found after them; they become untestable."""
     if not any(_is_coarse(problem, index) for index in range(len(problem.records))):
         return found
     model = found.nested[-1]
     follows = [term.effect.follows_acceleration for term in model.terms]
     if not any(follows):
         return found
-    kept = model.terms[: follows.index(True)]  # what came after was judged beside a wrong name
+    kept = model.terms[: follows.index(True)]  # later effects were judged given a wrong one
     withdrawn = tuple((term.effect.name, MISSING) for term in model.terms[len(kept) :])
     reduced = Fitting(problem, jumps=bool(model.fit.jumps.size)).refitted(kept, model) if kept else found.nested[0]
     names = {term.effect.name for term in kept}
@@ -173,7 +173,7 @@ def without_rounding(problem: Problem, found: SearchResult) -> SearchResult:
 
 
 def _is_coarse(problem: Problem, index: int) -> bool:
-    """Return whether a record's speed crosses less than one step within the derivative's filter, half of the time."""
+    """Return whether friction is derived by a filter within which the speed mostly crosses less than one step."""
     record = problem.records[index]
     step = quantisation_step(record.channels.speed_rad_s[np.isfinite(record.channels.speed_rad_s)])
     if not record.friction_is_derived or step is None:
