@@ -223,7 +223,7 @@ def with_turns(samples: Samples, source: str) -> Samples:
     return replace(samples, angle_rad=counted)
 
 
-def not_shown_without_motor(effects: Sequence[type[MeanEffect]], wheel: Wheel, channels: Channels) -> dict[str, str]:
+def lost_without_motor(effects: Sequence[type[MeanEffect]], wheel: Wheel, channels: Channels) -> dict[str, str]:
     """Return the effects that are not identifiable with the motor off, or from pulses, each with the reason.
 
     Parameters

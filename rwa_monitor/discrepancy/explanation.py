@@ -17,20 +17,21 @@ from rwa_monitor.discrepancy.angle import AngleLine, angle_line, ripple_with, wi
 from rwa_monitor.discrepancy.base_fit import Fit, fit, make_problem, with_noise_of
 from rwa_monitor.discrepancy.fitting import EQUIVALENT_WITHIN, Fitting, Progress
 from rwa_monitor.discrepancy.hypotheses import formulas, speed_curve
-from rwa_monitor.discrepancy.likelihood import ACCEPT_GAIN, Series, asked_gain, fit_noise
+from rwa_monitor.discrepancy.likelihood import ACCEPT_GAIN, Series, fit_noise, least_gain
 from rwa_monitor.discrepancy.noise_effects import CageBursts, cage_bursts
 from rwa_monitor.discrepancy.own_jumps import with_own_jumps
 from rwa_monitor.discrepancy.problem import Mapper, Problem, in_turn
-from rwa_monitor.discrepancy.quantisation import drawn_again
+from rwa_monitor.discrepancy.quantisation import redrawn
 from rwa_monitor.discrepancy.record import Record
 from rwa_monitor.discrepancy.score import price, regressors
 from rwa_monitor.discrepancy.search import grow, prune, rank, search
 from rwa_monitor.discrepancy.terms import Found, Model, SearchResult, law_of
 from rwa_monitor.discrepancy.unexplained import (
-    both,
-    does_nearly_all,
+    BESIDE_SHARE,
+    combined,
+    explains_most,
     judge_leftover,
-    shorter,
+    nested_below,
     without_unnamed,
 )
 from rwa_monitor.discrepancy.unnamed import UNNAMED
@@ -103,12 +104,12 @@ def explain(problem: Problem, effects: Effects, progress: Progress, wheel: Wheel
     of_line = None if line is None else line.unexplained()  # it was subtracted
     smooth = _without_jumps(jumping.problem, jumping.complete, effects, progress)
     if smooth is not None:
-        return replace(smooth, leftover=both(smooth.leftover, of_line))
+        return replace(smooth, leftover=combined(smooth.leftover, of_line))
     if cage is not None:
         # Bursts are mistaken for jumps and for laws of the speed: all else is estimated outside of them.
         quiet = prepare(cage.quiet(jumping.problem.records), wheel, problem.each)
         jumping = _with_formula(*_with_jumps(quiet, effects, progress, wheel), effects, progress)
-    return replace(jumping, leftover=both(jumping.leftover, of_line), cage=cage)
+    return replace(jumping, leftover=combined(jumping.leftover, of_line), cage=cage)
 
 
 def _without_jumps(problem: Problem, jumping: Model | None, effects: Effects, progress: Progress) -> Explained | None:
@@ -144,7 +145,8 @@ def _score_bound(problem: Problem, jumping: Model) -> float:
     curve = speed_curve(series)
     free = np.full(curve.shape[0], np.inf)
     rows, low, high = np.vstack([rows, curve]), np.append(low, -free), np.append(high, free)
-    return fit_noise(series, rows, low, high, law.apart if series.several else law)[1] + problem.log_size * price(())
+    start = law.separate_levels if series.several else law
+    return fit_noise(series, rows, low, high, start)[1] + problem.log_size * price(())
 
 
 def _treat_angle_line(problem: Problem, candidates: Effects, wheel: Wheel) -> tuple[Problem, Effects, AngleLine | None]:
@@ -178,7 +180,7 @@ def _with_jumps(problem: Problem, candidates: Effects, progress: Progress, wheel
         def again(other: Problem) -> Fit:
             return Fitting(other, jumps=True).refitted(best.terms, best, [best.fit.jumps]).fit
 
-        drawn = drawn_again(problem, best.fit, again)
+        drawn = redrawn(problem, best.fit, again)
         if drawn is not None:
             problem = prepare(drawn, wheel, problem.each)
             approach, grown, own = _grown(problem, candidates, progress, best)
@@ -202,9 +204,11 @@ def _with_nearest(approach: Fitting, explained: Explained, known: Sequence[Model
     if best is None or left is None:
         return left
     simpler = approach.without(best, len(last.terms))  # the gain may come from its jumps
-    if simpler.score - best.score < asked_gain(len(last.terms)):
+    if simpler.score - best.score < least_gain(len(last.terms)):
         return left
     share = (simpler.fit.rss - best.fit.rss) / (simpler.fit.rss - explained.complete.fit.rss)
+    if share < BESIDE_SHARE:
+        return left
     return left.model_copy(update={"nearest": NearestEffect(effect=best.names[-1], share=share)})
 
 
@@ -219,15 +223,15 @@ def _with_formula(approach: Fitting, explained: Explained, effects: Effects, pro
     progress("a formula for what has no name")
     found, complete = explained.found, explained.complete
     last, most = found.nested[-1], complete.score + EQUIVALENT_WITHIN
-    laws, _ = approach.sort_out(formulas(explained.problem), found.nested[0])
-    known, _ = approach.sort_out([effect for effect in effects if effect.name in CATALOGUE], found.nested[0])
+    laws, _ = approach.split_testable(formulas(explained.problem), found.nested[0])
+    known, _ = approach.split_testable([effect for effect in effects if effect.name in CATALOGUE], found.nested[0])
     of_laws, of_known = approach.extensions(last, laws), approach.extensions(last, known)
     models = [one for one in of_laws if one.score <= most]
     most = min(most, models[0].score + EQUIVALENT_WITHIN) if models else most
     models = [one for one in of_known if one.score <= most] or models
     is_near = not models and not found.found  # a curve of many parameters may fit more than a law
     if is_near:
-        models, of_laws = ([one for one in of if does_nearly_all(last, one, complete)] for of in (of_known, of_laws))
+        models, of_laws = ([one for one in of if explains_most(last, one, complete)] for of in (of_known, of_laws))
         models = models or of_laws
     models = [one for one in models if len(one.terms) > len(last.terms)]
     if not models:
@@ -237,19 +241,15 @@ def _with_formula(approach: Fitting, explained: Explained, effects: Effects, pro
     simpler, names = approach.without(best, len(best.terms) - 1), set(best.names)
     gain = simpler.score - best.score
     if gain < EQUIVALENT_WITHIN:  # its jumps were missing, not the law
-        if explained.complete.score < simpler.score - ACCEPT_GAIN:
-            return explained
-        kept = tuple(one for one in found.found if one.name in simpler.names)
-        found = replace(found, nested=(*shorter(found.nested, simpler), simpler), found=kept)
-        return replace(explained, found=found, leftover=None, complete=simpler)
+        return explained
     if issubclass(best.terms[-1].effect, Formula):  # of unknown cause: effects of nearly the same shape are listed
-        alike = [one for one in approach.extensions(simpler, known) if does_nearly_all(simpler, one, best)]
+        alike = [one for one in approach.extensions(simpler, known) if explains_most(simpler, one, best)]
         near += [one.names[-1] for one in alike if one.terms]
         again = [effect for effect in known if effect.name in names]  # also one named already, at another shape
-        near += approach.in_place(best, len(best.terms) - 1, again)
+        near += approach.substitutes(best, len(best.terms) - 1, again)
     named = (*(one for one in found.found if one.name in names), Found(best.names[-1], gain, tuple(near)))
     found = replace(
-        found, nested=(*shorter(found.nested, best), best), found=tuple(sorted(named, key=lambda one: -one.gain))
+        found, nested=(*nested_below(found.nested, best), best), found=tuple(sorted(named, key=lambda one: -one.gain))
     )
     if is_near:
         found, leftover, complete = judge_leftover(approach, found)

@@ -11,7 +11,7 @@ import numpy as np
 
 from rwa_monitor.discrepancy.alignment import Delay, find_delay
 from rwa_monitor.discrepancy.base_fit import fit
-from rwa_monitor.discrepancy.bench import EVEN_CLOCK, as_measured, not_shown_without_motor
+from rwa_monitor.discrepancy.bench import EVEN_CLOCK, as_measured, lost_without_motor
 from rwa_monitor.discrepancy.derived_friction import Motion, with_fitting_window
 from rwa_monitor.discrepancy.explanation import FEWEST_FOR_JUMPS, Explained, explain, prepare
 from rwa_monitor.discrepancy.extended import extend
@@ -27,7 +27,7 @@ from rwa_monitor.discrepancy.result import DiscrepancyResult, FoundEffect, Searc
 from rwa_monitor.discrepancy.score import BLOCKS, HeldOut, held_out, on_other_recordings, scored
 from rwa_monitor.discrepancy.switching_effects import switching_effects
 from rwa_monitor.discrepancy.terms import Model
-from rwa_monitor.discrepancy.unexplained import both, wandering
+from rwa_monitor.discrepancy.unexplained import combined, wandering
 from rwa_monitor.messages import Gain, SearchedAgain, Unexplained
 from rwa_monitor.samples import Samples
 from rwa_monitor.wheel.effects.catalogue import NOISE_EFFECTS, effect_class
@@ -76,7 +76,7 @@ def find_discrepancy(
     # Else the place of a sample within its slot is corrected already, and would be mistaken for a delay.
     left = delay is None or delay.late_slots == delay.slots != 0
     missing = [effect for effect in candidates(wheel) if effect is not DelayTerm or left]
-    silent = not_shown_without_motor(missing, wheel, problem.records[0].channels)
+    silent = lost_without_motor(missing, wheel, problem.records[0].channels)
     tried = [effect for effect in missing if effect.name not in silent and can_show(problem, effect)]
     no_noise = MORE_SAMPLES if problem.size < FEWEST_FOR_JUMPS else EVEN_CLOCK if bench.noise_is_made else None
     no_noise = NOT_COMMANDED if problem.is_command else no_noise
@@ -207,7 +207,7 @@ def _noise_and_jumps(explained: Explained, wheel: Wheel, *, with_noise: bool) ->
     if any(effect.follows_acceleration for effect in classes):  # a curve over the acceleration repeats such an effect
         return others, replace(explained, found=without_rounding(problem, explained.found), leftover=None)
     if not any(effect.comes_and_goes for effect in classes):
-        explained = replace(explained, leftover=both(drift, explained.leftover))
+        explained = replace(explained, leftover=combined(drift, explained.leftover))
     return others, explained
 
 

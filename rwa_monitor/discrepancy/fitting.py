@@ -25,7 +25,7 @@ from rwa_monitor.discrepancy.base_fit import (
     segment_records,
     with_noise_of,
 )
-from rwa_monitor.discrepancy.hypotheses import sort_out
+from rwa_monitor.discrepancy.hypotheses import split_testable
 from rwa_monitor.discrepancy.likelihood import LONG_MEMORY, NO_JUMPS, NoiseLaw, Series
 from rwa_monitor.discrepancy.problem import Problem
 from rwa_monitor.discrepancy.score import Background, held_out, off_reversals, scored, with_exact_jumps, with_law
@@ -86,7 +86,7 @@ class Fitting:
         other = with_exact_jumps(problem, with_law(problem, base, NoiseLaw(white=0.0, correlation=memory)))
         return min(base, with_exact_jumps(problem, scored(problem, other)), key=lambda one: one.score)
 
-    def sort_out(self, effects: Effects, base: Model) -> tuple[list[type[MeanEffect]], list[tuple[str, str]]]:
+    def split_testable(self, effects: Effects, base: Model) -> tuple[list[type[MeanEffect]], list[tuple[str, str]]]:
         """Split effects into those that the data can test, and the names of the others with what is missing.
 
         Where friction may jump, an effect must differ from a level per recording; jumps may absorb still more.
@@ -96,7 +96,7 @@ class Fitting:
         if self.jumps:
             levels = [(at >= a) & (at < b) for a, b in pairwise(problem.starts.tolist()) if b > a]
             known = np.vstack([problem.speed, *levels]) * problem.sign
-        return sort_out(problem, known, effects, base.fit.level)
+        return split_testable(problem, known, effects, base.fit.level)
 
     def settled(self, model: Model) -> Model:
         """Return an accepted model, fitted to convergence if it is without jumps.
@@ -118,7 +118,7 @@ class Fitting:
         """
         models = self._extended(current, effects, all_of_them=all_of_them)
         if not self.jumps and self.several and law_of(current).level_spread == 0.0:
-            models.append(self.refined(self._annealed(current.terms, [NO_JUMPS], law_of(current).apart)))
+            models.append(self.refined(self._annealed(current.terms, [NO_JUMPS], law_of(current).separate_levels)))
         return _in_order(models, effects)
 
     def counts(self, model: Model, current: Model) -> bool:
@@ -149,20 +149,20 @@ class Fitting:
 
         Those include subsets, since the new terms may explain some of the jumps, see `jump_sets`.
         """
-        return self.refined(self.begun(terms, near, jumps))
+        return self.refined(self.refitted_roughly(terms, near, jumps))
 
-    def begun(self, terms: Sequence[Term], near: Model, jumps: Sequence[IntArray] = ()) -> Model:
+    def refitted_roughly(self, terms: Sequence[Term], near: Model, jumps: Sequence[IntArray] = ()) -> Model:
         """Return what `refitted` refines: a model with the shapes as given and the noise law of the similar model."""
         return self._annealed(tuple(terms), jumps or self._starts(near), law_of(near))
 
-    def plainer(self, model: Model) -> Model | None:
+    def with_common_level(self, model: Model) -> Model | None:
         """Return the model with one level for all recordings, not separate ones; None where it has jumps, or one."""
         law = law_of(model)
         if self.jumps or law.level_spread == 0.0:
             return None
         return self.refined(self._annealed(model.terms, [NO_JUMPS], replace(law, level_spread=0.0)))
 
-    def as_good(self, model: Model, index: int, effects: Effects) -> list[str]:
+    def equivalents(self, model: Model, index: int, effects: Effects) -> list[str]:
         """Return the names of effects that are as good in place of a term, with jumps and level of the model kept.
 
         Fitted without the term, levels absorb part of it where changes of direction separate them, as in a few dwells:
@@ -172,10 +172,10 @@ class Fitting:
         unresolved = {term.effect.unresolved_as(one.channels, term.shape) for one in self.problem.records}
         names = [name for name in unresolved if name and len(unresolved) == 1]
         if self.jumps:
-            names += self.in_place(model, index, [effect for effect in effects if effect.name not in model.names])
+            names += self.substitutes(model, index, [effect for effect in effects if effect.name not in model.names])
         return names
 
-    def in_place(self, model: Model, index: int, effects: Effects) -> list[str]:
+    def substitutes(self, model: Model, index: int, effects: Effects) -> list[str]:
         """Return the names of effects that are as good in place of a term, with jumps, level and noise kept."""
         others = model.terms[:index] + model.terms[index + 1 :]
         beside = Background.of(self.problem, others, law_of(model), model.fit.jumps)

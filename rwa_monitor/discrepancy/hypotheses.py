@@ -11,7 +11,7 @@ from scipy import linalg
 from scipy.signal import savgol_filter
 
 from rwa_monitor.discrepancy.jump_terms import JUMP_TERMS, DelayTerm
-from rwa_monitor.discrepancy.likelihood import Series, asked_gain
+from rwa_monitor.discrepancy.likelihood import Series, least_gain
 from rwa_monitor.discrepancy.problem import Problem
 from rwa_monitor.discrepancy.result import FoundEffect
 from rwa_monitor.discrepancy.score import Background
@@ -66,7 +66,7 @@ NOT_COMMANDED: Final = "friction that is measured: here it is a ramp over time t
 FOLLOWS_THE_SPEED: Final = "a motion in which it does not follow the speed: several sweeps, or dwells"
 
 
-def sort_out(
+def split_testable(
     problem: Problem, known: FloatArray, effects: Sequence[type[MeanEffect]], level: FloatArray
 ) -> tuple[list[type[MeanEffect]], list[tuple[str, str]]]:
     """Split the effects into those that the records can test and those they cannot, with what is missing.
@@ -298,7 +298,7 @@ def detectable_strengths(problem: Problem, model: Model, effects: Sequence[type[
         gram = beside.equations_with(term).gram
         across = gram[:known, known]
         energy = float(gram[known, known] - across @ np.linalg.lstsq(gram[:known, :known], across, rcond=1e-12)[0])
-        asked = asked_gain(len(model.terms)) + term.parameters * problem.log_size
+        asked = least_gain(len(model.terms)) + term.parameters * problem.log_size
         visible = energy > VISIBLE * float(gram[known, known])
         strength = float(np.sqrt(asked * variance / energy)) if visible else float("nan")
         share = strength * float(np.sqrt(np.mean(column**2))) / friction
@@ -330,7 +330,7 @@ def not_testable(
     }
 
 
-def as_a_part(sentence: str) -> str:
+def as_clause(sentence: str) -> str:
     """Return a sentence as a part of a longer one: with a small first letter and without its full stop."""
     return sentence[:1].lower() + sentence[1:].rstrip(".")
 
@@ -355,7 +355,7 @@ def untested(
     model = found.nested[-1]
     missing = [entry for entry in found.untestable if entry[0] in CATALOGUE]
     missing += [
-        (entry.name, f"{as_a_part(CATALOGUE[entry.name].separate_by)}; {entry.would_show()}")
+        (entry.name, f"{as_clause(CATALOGUE[entry.name].separate_by)}; {entry.would_show()}")
         for entry in detectable_strengths(problem, model, tried)
         if entry.too_weak and np.isfinite(entry.strength)
     ]
@@ -375,7 +375,7 @@ def untested(
         if name not in named:
             listed.setdefault(name, what)
     for effect in not_shown:
-        listed.setdefault(effect.name, as_a_part(effect.separate_by))
+        listed.setdefault(effect.name, as_clause(effect.separate_by))
     if not model.fit.jumps.size:
         listed |= {term.name: NO_JUMPS for term in JUMP_TERMS if term.name in listed}
     return listed

@@ -56,7 +56,7 @@ NOTHING: Final[tuple[dict[str, float], ...]] = (  # values at which a parameter 
 NO_JUMPS: Final[IntArray] = np.zeros(0, dtype=np.int64)
 
 
-def asked_gain(named: int) -> float:
+def least_gain(named: int) -> float:
     """Return the gain that is required of an effect, given the number of effects already named."""
     return ACCEPT_GAIN if named else FIRST_GAIN
 
@@ -87,11 +87,11 @@ class NoiseLaw:
     level_spread: float = 0.0
 
     @property
-    def apart(self) -> NoiseLaw:
+    def separate_levels(self) -> NoiseLaw:
         """The law with differing levels of the recordings, as a start of a fit."""
         return self if self.level_spread > 0.0 else replace(self, level_spread=LEVELS_APART)
 
-    def beside(self, series: Series) -> NoiseLaw:
+    def for_series(self, series: Series) -> NoiseLaw:
         """Return the law without noise of slews if the level of the samples jumps: that noise would hide jumps."""
         return replace(self, slew=0.0) if series.jumps_within else self
 
@@ -372,11 +372,11 @@ def fit_noise(
     A noise parameter is used only where it lowers the score by more than its penalty. Coefficients and noise are fitted
     alternately. The noise is fitted to the residual of the regressors with dry and viscous friction left free, since
     slow noise is most easily confused with these. The cost is independent of the number of regressors. The levels of
-    recordings differ only if they do at the start: that is a hypothesis, see `NoiseLaw.apart`. `again`: the start is
-    the law of nearly the same model, and only its neighbourhood is searched, unless its memory is so long that it may
-    mimic a missing law.
+    recordings differ only if they do at the start: that is a hypothesis, see `NoiseLaw.separate_levels`. `again`: the
+    start is the law of nearly the same model, and only its neighbourhood is searched, unless its memory is so long that
+    it may mimic a missing law.
     """
-    again, start = again and start.correlation < LONG_MEMORY, start.beside(series)
+    again, start = again and start.correlation < LONG_MEMORY, start.for_series(series)
 
     def under(law: NoiseLaw) -> _NoiseFit:
         """Return a noise law with its best coefficients and the score."""

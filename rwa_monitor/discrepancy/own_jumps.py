@@ -27,7 +27,7 @@ from rwa_monitor.discrepancy.score import held_out
 from rwa_monitor.discrepancy.search import prune
 from rwa_monitor.discrepancy.shape_profile import shape_limits
 from rwa_monitor.discrepancy.terms import Model, Term
-from rwa_monitor.discrepancy.unexplained import with_free_curves
+from rwa_monitor.discrepancy.unexplained import with_nonparametric_curves
 from rwa_monitor.discrepancy.unnamed import UNNAMED
 from rwa_monitor.kernels.segmentation import optimal_curves
 from rwa_monitor.samples import TINY, FloatArray, IntArray
@@ -116,7 +116,7 @@ def with_own_jumps(fitting: Fitting, model: Model, simpler: Model, effects: Sequ
     # Slopes that differ because the drag is not linear in the speed are a law of the speed, not jumps.
     others = fitting.without(best, len(best.terms) - 1)
     outside = [effect for effect in effects if effect in UNNAMED and effect.name not in others.names]
-    alternatives = *with_free_curves(fitting, others), *fitting.extensions(others, outside)
+    alternatives = *with_nonparametric_curves(fitting, others), *fitting.extensions(others, outside)
     return best if all(one.score > best.score for one in alternatives) else None
 
 
@@ -153,8 +153,8 @@ def _best_with(fitting: Fitting, model: Model, simpler: Model, bases: Sequence[_
     begin = model if kept == model.terms else fitting.refitted(kept, model)
     for start in (begin, simpler) if begin.terms else (begin,):
         terms = [term for basis in bases if (term := _segmented(basis, start)) is not None]
-        begun = [fitting.begun((*start.terms, term), start, [off_steps(term, start.fit.jumps)]) for term in terms]
-        best = min(begun, key=lambda one: one.score, default=start)
+        rough = [fitting.refitted_roughly((*start.terms, x), start, [off_steps(x, start.fit.jumps)]) for x in terms]
+        best = min(rough, key=lambda one: one.score, default=start)
         if start.score - best.score > LEAST_SHARE * max(start.score - model.score, 0.0):
             found.append(prune(fitting, fitting.refined(best), keep_last=True))
     return min(found, key=lambda one: one.score, default=None)

@@ -74,7 +74,7 @@ def _may_matter(record: Record) -> bool:
     return record.torque_step_Nm > 0.0 and change.size > 0 and float(np.median(change)) < FINE * record.torque_step_Nm
 
 
-def drawn_again(problem: Problem, model: Fit, again: Callable[[Problem], Fit]) -> list[Record] | None:
+def redrawn(problem: Problem, model: Fit, again: Callable[[Problem], Fit]) -> list[Record] | None:
     """Return the records of a problem with the rounding removed about a better model; None where none is rounded.
 
     Parameters

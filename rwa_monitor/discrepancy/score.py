@@ -49,7 +49,7 @@ def scored(problem: Problem, model: Model, start: NoiseLaw | None = None, *, aga
         Whether that is the law of nearly the same model: then laws near it alone are tried.
     """
     series = Series.of(problem, model.fit.jumps)
-    law = start or (NoiseLaw().apart if series.several else NoiseLaw())
+    law = start or (NoiseLaw().separate_levels if series.several else NoiseLaw())
     if problem.has_noise:
         law, _ = fit_noise(series, *regressors(series, model.terms), law, again=again and start is not None)
     return with_law(problem, model, law)
@@ -62,13 +62,13 @@ def with_law(problem: Problem, model: Model, law: NoiseLaw, jumps: IntArray | No
     """
     jumps = model.fit.jumps if jumps is None else jumps
     series = Series.of(problem, jumps)
-    law = law.beside(series)
+    law = law.for_series(series)
     rows, low, high = regressors(series, model.terms)
     coefficients, deviance = Equations.of(series, rows, low, high, law).solve()
     parameters = price(model.terms) + JUMP_PENALTY * jumps.size
     fit = _fit(problem, series, rows, coefficients, law)
     score = deviance + problem.log_size * parameters + law.price(series.size)
-    return replace(model, fit=fit, law=law, score=score + contradiction(problem, model.terms, coefficients[2:]))
+    return replace(model, fit=fit, law=law, score=score + constants_deviance(problem, model.terms, coefficients[2:]))
 
 
 def with_exact_jumps(problem: Problem, model: Model) -> Model:
@@ -138,7 +138,7 @@ def price(terms: Sequence[Term]) -> float:
     return BASE_PARAMETERS + sum(term.parameters for term in terms)
 
 
-def contradiction(problem: Problem, terms: Sequence[Term], strengths: FloatArray) -> float:
+def constants_deviance(problem: Problem, terms: Sequence[Term], strengths: FloatArray) -> float:
     """Return twice the negative log-likelihood of constants of the wheel file, given estimates from other channels.
 
     Parameters
@@ -211,7 +211,7 @@ class Background:
     def of(cls, problem: Problem, terms: Sequence[Term], law: NoiseLaw, jumps: IntArray) -> Self:
         """Whiten the friction and the regressors of a model."""
         whole = Series.of(problem, jumps)
-        law = law.beside(whole)
+        law = law.for_series(whole)
         rows, low, high = regressors(whole, terms)
         series, averaging = whole.averaged(SCREENED)
         whitening = Whitening.of(series, law.of_means(-(-whole.size // series.size)))
@@ -241,7 +241,7 @@ class Background:
         """Return the score with further terms."""
         added = sum(term.parameters for term in terms)
         coefficients, deviance = self.equations_with(*terms).solve()
-        other = contradiction(self.problem, (*self.terms, *terms), coefficients[2:])
+        other = constants_deviance(self.problem, (*self.terms, *terms), coefficients[2:])
         return deviance + other + self.price + self.problem.log_size * added
 
 

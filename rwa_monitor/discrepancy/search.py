@@ -20,7 +20,7 @@ from rwa_monitor.discrepancy.fitting import (
     is_possible,
     predicts,
 )
-from rwa_monitor.discrepancy.likelihood import asked_gain
+from rwa_monitor.discrepancy.likelihood import least_gain
 from rwa_monitor.discrepancy.score import wald
 from rwa_monitor.discrepancy.terms import Found, Model, SearchResult, law_of
 
@@ -30,7 +30,7 @@ WORTH_SWAPPING: Final = 1.0  # decrease of the score from which an exchange is m
 
 
 def search(
-    fitting: Fitting, effects: Effects, progress: Progress = lambda _: None, asked: Callable[[int], float] = asked_gain
+    fitting: Fitting, effects: Effects, progress: Progress = lambda _: None, asked: Callable[[int], float] = least_gain
 ) -> SearchResult:
     """Search for mean effects; the arguments are those of `grow`."""
     return rank(fitting, grow(fitting, effects, progress, asked=asked), progress)
@@ -41,7 +41,7 @@ def grow(
     effects: Effects,
     progress: Progress = lambda _: None,
     begin_with: Sequence[Model] = (),
-    asked: Callable[[int], float] = asked_gain,
+    asked: Callable[[int], float] = least_gain,
 ) -> SearchResult:
     """Add effects one at a time, with exchanges and eliminations after each, while each gains as much as is asked.
 
@@ -60,7 +60,7 @@ def grow(
     """
     progress("base model")
     base = fitting.base()
-    testable, untestable = fitting.sort_out(effects, base)
+    testable, untestable = fitting.split_testable(effects, base)
     nested = [base, *begin_with]
     best_rejected = -np.inf
     while len(nested[-1].terms) < MAX_EFFECTS:
@@ -115,7 +115,7 @@ def rank(fitting: Fitting, grown: SearchResult, progress: Progress = lambda _: N
         progress(f"in the place of {name}")
         alternatives = fitting.replacements(model, index, grown.testable)
         near = [one.names[-1] for one in alternatives if one.score - model.score < EQUIVALENT_WITHIN]
-        equivalent = dict.fromkeys((*near, *fitting.as_good(model, index, grown.testable)))
+        equivalent = dict.fromkeys((*near, *fitting.equivalents(model, index, grown.testable)))
         found.append(Found(name, fitting.without(model, index).score - model.score, tuple(equivalent)))
     ranked = tuple(sorted(found, key=lambda entry: -entry.gain))
     return replace(grown, found=ranked)
@@ -126,7 +126,7 @@ def _without_insignificant(fitting: Fitting, model: Model) -> Model:
     while model.terms:
         squares = wald(fitting.problem, model)
         weakest = int(np.argmin(squares))
-        if squares[weakest] >= asked_gain(len(model.terms) - 1):
+        if squares[weakest] >= least_gain(len(model.terms) - 1):
             break
         model = fitting.without(model, weakest)
     return model
@@ -150,9 +150,9 @@ def prune(fitting: Fitting, model: Model, *, keep_last: bool = False) -> Model:
         simpler = [fitting.without(model, index) for index in range(len(model.terms) - keep_last)]
         minor = [one for index, one in enumerate(simpler) if model.is_minor(index, fitting.problem.sign)]
         minor = minor or [one for one in simpler if not predicts(fitting.problem, model, one)]
-        plainer = None if keep_last or minor else fitting.plainer(model)
+        plainer = None if keep_last or minor else fitting.with_common_level(model)
         tried = minor or ([*simpler, plainer] if plainer is not None else simpler)
         best = min(tried, key=lambda one: one.score, default=None)
-        if best is None or (not minor and best.score - model.score >= asked_gain(len(model.terms) - 1)):
+        if best is None or (not minor and best.score - model.score >= least_gain(len(model.terms) - 1)):
             return model
         model = best

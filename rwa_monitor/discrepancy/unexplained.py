@@ -48,7 +48,7 @@ def judge_leftover(fitting: Fitting, found: SearchResult) -> tuple[SearchResult,
         the model with the curve in it, whose residual is noise.
     """
     problem, model = fitting.problem, found.nested[-1]
-    alternatives = with_free_curves(fitting, model)
+    alternatives = with_nonparametric_curves(fitting, model)
     best = min(alternatives, key=lambda alternative: alternative.score, default=model)
     if model.score - best.score < ACCEPT_GAIN:
         return found, None, model
@@ -66,24 +66,24 @@ def judge_leftover(fitting: Fitting, found: SearchResult) -> tuple[SearchResult,
     # A curve over the same quantity makes any law superfluous, even the right one.
     if reduced.score - model.score > EXPLAINED_SHARE * (reduced.score - alone.score):
         return found, unexplained, best
-    if does_nearly_all(reduced, model, alone):
+    if explains_most(reduced, model, alone):
         return found, unexplained, best  # its small misfit is significant only as the noise is far less
     left = tuple(entry for entry in found.found if entry.name in reduced.names)
-    return replace(found, nested=(*shorter(found.nested, reduced), reduced), found=left), unexplained, best
+    return replace(found, nested=(*nested_below(found.nested, reduced), reduced), found=left), unexplained, best
 
 
-def both(one: Unexplained | None, other: Unexplained | None) -> Unexplained | None:
+def combined(one: Unexplained | None, other: Unexplained | None) -> Unexplained | None:
     """Return two unexplained torques as one, the second of them named first; either may be None."""
     return one.beside(other.signature, other.size_Nm) if one and other else one or other
 
 
-def does_nearly_all(simpler: Model, law: Model, other: Model) -> bool:
+def explains_most(simpler: Model, law: Model, other: Model) -> bool:
     """Return whether a law lowers the sum of squares by nearly as much as another explanation does."""
     lower = simpler.fit.rss - law.fit.rss
     return lower > 0.0 and lower > NEARLY_ALL * (simpler.fit.rss - other.fit.rss)
 
 
-def with_free_curves(fitting: Fitting, model: Model) -> list[Model]:
+def with_nonparametric_curves(fitting: Fitting, model: Model) -> list[Model]:
     """Return a model extended by each of the nonparametric curves."""
     return fitting.problem.each(lambda term: fitting.refitted((*model.terms, term), model), _curves(fitting, model))
 
@@ -164,7 +164,7 @@ def _curves(fitting: Fitting, model: Model) -> list[Term]:
     """Return the nonparametric curves that these records can test, periodic ones at the best frequency."""
     problem = fitting.problem
     known = [curve for curve in CURVES if all(curve.quantity(one.channels) is not None for one in problem.records)]
-    shown, _ = fitting.sort_out(known, model)
+    shown, _ = fitting.split_testable(known, model)
     terms = [make_term(problem, curve, {}, None) for curve in shown]
     if problem.is_command:  # a command has no error that varies with time
         return terms
@@ -236,12 +236,12 @@ def without_unnamed(
         others = [other for other in entry.equivalent if other != term.effect.named_with_channel]
         in_words = term.effect.in_words(term.shape) + "".join(f", or {other} as well" for other in others)
         size = _size(fitting.problem, model, index)
-        left = both(left, Unexplained(signature=in_words, size_Nm=size))
-        found = replace(found, nested=(*shorter(found.nested, reduced), reduced), found=named)
+        left = combined(left, Unexplained(signature=in_words, size_Nm=size))
+        found = replace(found, nested=(*nested_below(found.nested, reduced), reduced), found=named)
     return found, left
 
 
-def shorter(nested: Sequence[Model], model: Model) -> list[Model]:
+def nested_below(nested: Sequence[Model], model: Model) -> list[Model]:
     """Return the nested models that have fewer effects than another, and none that it has not."""
     return [one for one in nested if set(one.names) <= set(model.names) and len(one.terms) < len(model.terms)]
 

@@ -210,7 +210,7 @@ KNOTS_OF_TIME: Final = 7  # of the curve over time: a knot costs less than a jum
 Quantity = Callable[[Channels], FloatArray | None]
 
 
-class FreeCurve(UnnamedEffect):
+class KnotCurve(UnnamedEffect):
     """A nonparametric curve over a quantity: piecewise linear between knots at its quantiles."""
 
     quantity: ClassVar[Quantity]  # that the curve is a function of, None where it is not known
@@ -231,11 +231,11 @@ class FreeCurve(UnnamedEffect):
         return columns * (channels.direction[:, None] if cls.flips else 1.0), None
 
 
-def _curve(name: str, signature: str, quantity: Quantity, *, flips: bool, knots: int = KNOTS) -> type[FreeCurve]:
+def _curve(name: str, signature: str, quantity: Quantity, *, flips: bool, knots: int = KNOTS) -> type[KnotCurve]:
     """Return a nonparametric curve over a quantity; `flips`: changes sign with the direction, as friction does."""
     heights = [Parameter(f"height_{i}_Nm", "N m", -np.inf, np.inf, 0.0, linear=True) for i in range(knots)]
     fields = {"name": name, "signature": signature, "quantity": staticmethod(quantity), "flips": flips}
-    return type(name, (FreeCurve,), {**fields, "parameters": tuple(heights)})
+    return type(name, (KnotCurve,), {**fields, "parameters": tuple(heights)})
 
 
 def _angle(channels: Channels) -> FloatArray:

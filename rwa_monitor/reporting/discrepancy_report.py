@@ -16,12 +16,12 @@ from rwa_monitor.discrepancy.extended import extend, laws_in_words
 from rwa_monitor.discrepancy.hypotheses import (
     CANDIDATES,
     Detectable,
-    as_a_part,
+    as_clause,
     candidates,
     detectable_strengths,
     not_testable,
 )
-from rwa_monitor.discrepancy.likelihood import asked_gain
+from rwa_monitor.discrepancy.likelihood import least_gain
 from rwa_monitor.discrepancy.p_values import built_in_null_distribution
 from rwa_monitor.discrepancy.plan import Plan, plan
 from rwa_monitor.discrepancy.problem import Problem
@@ -76,7 +76,7 @@ def _loss_in_words(result: DiscrepancyResult, gain: Gain) -> str:
 def _name_in_words(effect: FoundEffect) -> str:
     if len(effect.equivalent) >= MOST_NAMES:
         names = effect.name, *effect.equivalent
-        return f"one of {len(names)} effects alike in these data ({', '.join(names)}): {as_a_part(effect.separate_by)}"
+        return f"one of {len(names)} effects alike in these data ({', '.join(names)}): {as_clause(effect.separate_by)}"
     others = f" or, indistinguishable by these data, {', '.join(effect.equivalent)}" if effect.equivalent else ""
     name, title = effect.name, effect_class(effect.name).title
     words = title if title.startswith(PROPER) else title[:1].lower() + title[1:]
@@ -183,8 +183,8 @@ def _environment() -> jinja2.Environment:
         for used in (absent_effects, effect_class, in_words, laws_in_words, left_out_in_words, measure, nested_models)
     }
     environment.globals |= {used.__name__: used for used in (noise_gains, p_in_words, plan, sentence, steps_in_words)}
-    environment.globals |= {"picture": _picture, "KINDS": KINDS, "SURE_P": SURE_P, "asked_gain": asked_gain}
-    environment.globals |= {"as_a_part": as_a_part, "SCALED_ONLY": SCALED_ONLY, "WINDOWS": WINDOWS}
+    environment.globals |= {"picture": _picture, "KINDS": KINDS, "SURE_P": SURE_P, "least_gain": least_gain}
+    environment.globals |= {"as_clause": as_clause, "SCALED_ONLY": SCALED_ONLY, "WINDOWS": WINDOWS}
     return environment
 
 

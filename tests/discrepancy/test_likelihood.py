@@ -201,7 +201,7 @@ def test_levels_that_differ_between_recordings_are_draws() -> None:
     rng = np.random.default_rng(4)
     levels = np.repeat(rng.normal(40.0, 6.0, 6), 300)
     record = replace(record, friction=record.sign * levels + 0.1 * record.speed + rng.normal(size=1800))
-    apart, score = fit_noise(record, record.base, np.zeros(2), FREE, NoiseLaw().apart)
+    apart, score = fit_noise(record, record.base, np.zeros(2), FREE, NoiseLaw().separate_levels)
     assert apart.correlation == 0.0
     assert 6.0 < apart.level_spread < 200.0  # 36 of six draws
     one_level, worse = fit_noise(record, record.base, np.zeros(2), FREE, NoiseLaw())
@@ -212,4 +212,4 @@ def test_levels_that_differ_between_recordings_are_draws() -> None:
 def test_levels_that_do_not_differ_are_one() -> None:
     record = series(1800, recordings=6)
     record = replace(record, friction=record.base.T @ [40.0, 0.1] + np.random.default_rng(5).normal(size=1800))
-    assert fit_noise(record, record.base, np.zeros(2), FREE, NoiseLaw().apart)[0] == NoiseLaw()
+    assert fit_noise(record, record.base, np.zeros(2), FREE, NoiseLaw().separate_levels)[0] == NoiseLaw()

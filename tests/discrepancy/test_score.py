@@ -49,8 +49,8 @@ def test_several_sets_of_jumps_together_lead_to_the_best_that_each_leads_to_alon
     problem = problem_of(samples)
     fitting = Fitting(problem, jumps=True)
     base, starts = fitting.base(), [NO_JUMPS, np.array([1500, 6200]), np.arange(500, problem.size, 500)]
-    alone = [fitting.begun((), base, [start]) for start in starts]
-    together = fitting.begun((), base, starts)
+    alone = [fitting.refitted_roughly((), base, [start]) for start in starts]
+    together = fitting.refitted_roughly((), base, starts)
     assert together.score == min(one.score for one in alone)
     np.testing.assert_array_equal(together.fit.jumps, min(alone, key=lambda one: one.score).fit.jumps)
 

@@ -8,14 +8,32 @@ from rwa_monitor.discrepancy.extended import extended_wheel
 from rwa_monitor.discrepancy.find import find_discrepancy
 from rwa_monitor.discrepancy.fitting import Fitting
 from rwa_monitor.discrepancy.plan import plan
-from rwa_monitor.discrepancy.unexplained import with_free_curves
+from rwa_monitor.discrepancy.unexplained import with_nonparametric_curves
+from rwa_monitor.reporting.discrepancy_report import sentence
 from rwa_monitor.wheel.wheel import Wheel
 from tests.discrepancy.simple import DRY_NM, NOISE_NM, PERIOD_S, VISCOUS, WHEEL, Array, names, record, search, swing
-from tests.discrepancy.smooth import null_record, problem_of
+from tests.discrepancy.smooth import null_record, problem_of, smooth_record, two_sines
 
 COUNT, SHORT = 8000, 4000
 # A wheel of which no switching system is known, as one that has just been put on the bench.
 UNKNOWN: Wheel = WHEEL.model_copy(update={"fss": ()})
+
+
+@pytest.mark.parametrize(("bend", "is_near"), [(0.3, True), pytest.param(0.0, False, marks=pytest.mark.slow)])
+def test_the_effect_that_explains_a_part_of_an_unknown_drag_is_reported_with_its_share(
+    bend: float, is_near: bool
+) -> None:
+    speed = two_sines(2000 if is_near else SHORT)
+    size = np.abs(speed)
+    waves, curve = np.sin(size / (12.0 if is_near else 15.0)), bend * (size / 200.0) ** 2
+    drag = np.sign(speed) * DRY_NM * (curve + (0.1 if is_near else 0.2) * waves)
+    found = find_discrepancy([("waves", smooth_record(speed, drag, seed=3))], UNKNOWN).result
+    assert found.unexplained.signature == "a drag that depends on |speed|"
+    nearest = found.unexplained.nearest
+    assert (nearest is not None) == is_near
+    if is_near:  # dry and viscous friction take the most of the curve
+        assert 0.1 < nearest.share < 0.7
+        assert f"{nearest.effect} comes nearest, with {nearest.share:.0%}" in sentence(found)
 
 
 @pytest.mark.parametrize("forgets_after", [150, 600])  # slots
@@ -76,7 +94,7 @@ def test_a_short_record_that_wanders_is_periodic_with_nothing_longer_than_itself
     fitting = Fitting(problem_of(samples), jumps=False)
     periods = [
         1.0 / model.terms[-1].shape["frequency_Hz"]
-        for model in with_free_curves(fitting, fitting.base())
+        for model in with_nonparametric_curves(fitting, fitting.base())
         if "frequency_Hz" in model.terms[-1].shape
     ]
     assert len(periods) == 3
