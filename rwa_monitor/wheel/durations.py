@@ -1,8 +1,8 @@
 """Duration laws of a switching system: how many slots a sojourn in one configuration lasts.
 
-A sojourn lasts at least one slot (errata 16). Continuous laws (Weibull, log-normal) are rounded to the nearest slot
-and the mass below 1 is put on 1. Every law gives what the assignment needs: log P(τ), log P(τ ≥ e), the mean, and
-Σ_{r ≥ e} P(τ ≥ r) for sojourns that are cut at both ends (errata 9).
+A sojourn lasts at least one slot (errata 16). Continuous laws (Weibull, log-normal) are rounded to the nearest slot,
+and the probability below 1 is added to that of 1. Every law computes what the assignment needs: P(τ), P(τ ≥ e), the
+mean, and Σ_{r ≥ e} P(τ ≥ r) for sojourns that are cut at both ends (errata 9).
 """
 
 from abc import abstractmethod
@@ -17,12 +17,12 @@ from scipy import special
 from rwa_monitor.samples import FloatArray, IntArray
 from rwa_monitor.wheel.file_content import Strict, ordered
 
-LONGEST: Final = 10**12  # slots; four thousand years at 8 Hz: longer is a wrong unit, and would leave exact integers
-EXACT_TERMS: Final = 4_096  # of a sum over durations; beyond, the law hardly changes within a slot
+LONGEST: Final = 10**12  # slots, four thousand years at 8 Hz: more is a wrong unit, and too near floats' exact integers
+EXACT_TERMS: Final = 4_096  # summed one by one; for longer durations the law hardly changes within a slot
 
 
 class _Law(Strict):
-    """What all duration laws share: everything follows from the survival function P(τ ≥ e)."""
+    """Base of all duration laws, each defined by its survival function P(τ ≥ e)."""
 
     @abstractmethod
     def survival(self, slots: ArrayLike) -> FloatArray:
@@ -51,17 +51,17 @@ class _Law(Strict):
 
 
 class _PiecewiseLinear(_Law):
-    """A law whose survival function is straight between some whole numbers of slots: one at first, zero at last."""
+    """A law whose survival function is linear between knots at whole numbers of slots, from one down to zero."""
 
     @property
     @abstractmethod
     def knots(self) -> FloatArray:
-        """Those numbers, float64, increasing [slots]."""
+        """The knots, float64, increasing [slots]."""
 
     def survival_sum(self, start: int) -> float:
         at = np.append(float(start), self.knots[self.knots > start])
         survival = self.survival(at)
-        return float(np.trapezoid(survival, at) + 0.5 * survival[0])  # exact for straight lines
+        return float(np.trapezoid(survival, at) + 0.5 * survival[0])  # exact for a piecewise linear function
 
 
 class Uniform(_PiecewiseLinear):
@@ -131,7 +131,7 @@ class _RoundedContinuous(_Law):
         return np.where(at <= 1, 1.0, self._tail(np.maximum(at - 0.5, 0.5)))
 
     def survival_sum(self, start: int) -> float:
-        # What follows changes so little within a slot that each term is the integral over it (midpoint rule).
+        # Beyond `end` the law changes so little within a slot that each term equals an integral (midpoint rule).
         end = start + EXACT_TERMS
         return float(self.survival(np.arange(start, end)).sum()) + self._excess(end - 1.0)
 
@@ -183,7 +183,7 @@ class Lognormal(_RoundedContinuous):
 
 
 class Histogram(_PiecewiseLinear):
-    """Bins [edges[i], edges[i+1]) of whole slots with weights; equally likely within a bin. What `identify` writes."""
+    """Weighted bins [edges[i], edges[i+1]) of whole slots, equally likely within a bin; `identify` writes this law."""
 
     law: Literal["histogram"] = "histogram"
     edges: Annotated[tuple[Annotated[int, Field(le=LONGEST)], ...], Field(min_length=2)]
@@ -205,7 +205,7 @@ class Histogram(_PiecewiseLinear):
 
     def survival(self, slots: ArrayLike) -> FloatArray:
         weights = np.asarray(self.weights)
-        # Tails summed from the end, so that the last is exactly 0 and none is negative.
+        # Tail sums accumulated from the end, so that the last is exactly 0 and none is negative.
         tails = np.concatenate([np.cumsum(weights[::-1])[::-1], [0.0]])
         at = np.asarray(slots, dtype=np.float64)
         return np.asarray(np.interp(at, self.knots, tails / tails[0]))

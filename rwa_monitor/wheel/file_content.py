@@ -1,7 +1,7 @@
-"""The content of files that somebody else wrote: limits before parsing, strict fields, canonical JSON and its hash.
+"""The content of files, also of foreign ones: limits before parsing, strict fields, canonical JSON and its hash.
 
-Floats that the program writes into a file keep 12 significant digits: more than any friction is known to, and few
-enough that the last bits, in which machines differ, never show.
+Floats that the program writes into a file keep 12 significant digits: more than the accuracy of any friction, and few
+enough to drop the last bits, in which machines differ.
 """
 
 import hashlib
@@ -19,14 +19,14 @@ from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationErr
 from rwa_monitor.errors import InputError, did_you_mean
 
 MAX_CONTENT_BYTES: Final = 1_000_000  # a wheel, a scenario or a map is a page of text, the built-in model some 20 kB
-MAX_KEY_PARTS: Final = 16  # of a.b.c; ours have two, and Python's parser takes a time that grows with their square
+MAX_KEY_PARTS: Final = 16  # of a dotted key a.b.c; valid files use two, and tomllib's time grows with their square
 SIGNIFICANT_DIGITS: Final = 12
 _PART: Final = r"""(?:(?<![\w-])[\w-]++|"[^"\n]*+"|'[^'\n]*+')"""
 _LONG_KEY: Final = re.compile(rf"(?:{_PART}[ \t]*+\.[ \t]*+){{{MAX_KEY_PARTS}}}")
 
 
 def rounded(value: float, digits: int = SIGNIFICANT_DIGITS) -> float:
-    """Return a value at so many significant digits; applying it twice changes nothing."""
+    """Return a value rounded to a number of significant digits; idempotent."""
     return float(f"{value:.{digits}g}")
 
 
@@ -39,7 +39,7 @@ Probability = Annotated[Rounded, Field(ge=0, le=1)]
 
 
 def canonical_json(content: Any) -> str:
-    """Write plain content (dicts, lists, numbers, text) with sorted keys and without spaces: one text for one meaning.
+    """Write plain content (dicts, lists, numbers, text) with sorted keys, without spaces: equal content, equal text.
 
     Raises
     ------
@@ -50,7 +50,7 @@ def canonical_json(content: Any) -> str:
 
 
 def packaged(package: str, file: str) -> str:
-    """Return the text of a file that is a part of the program, as a constant is, from wherever it is installed.
+    """Return the text of a data file of the installed program.
 
     Raises
     ------
@@ -78,7 +78,7 @@ def parse_toml(text: str, source: str, what: str) -> dict[str, Any]:
     Raises
     ------
     InputError
-        If it is too large, its keys are too deep, or it is no TOML.
+        If it is too large, has a key of too many parts, or is no TOML.
     """
     if len(text) > MAX_CONTENT_BYTES:
         raise InputError(source, f"is larger than {MAX_CONTENT_BYTES} bytes; this is not {what}")
@@ -91,13 +91,13 @@ def parse_toml(text: str, source: str, what: str) -> dict[str, Any]:
 
 
 class Strict(BaseModel):
-    """Base of the content of a file: frozen, no key that is not known, no number that is not finite."""
+    """Base of the content of a file: frozen, without unknown keys, with finite numbers only."""
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
 
 def ordered(content: Any) -> Any:
-    """Return content with the ends of a range, fields named low and high; raises ValueError where high is below low."""
+    """Return content with one field low… and one field high… unchanged; raises ValueError where high is below low."""
     (low, begin), (high, end) = (field for field in content if field[0].startswith(("low", "high")))
     if end < begin:
         raise ValueError(f"{high} ({end}) is below {low} ({begin})")
@@ -119,7 +119,7 @@ class Range(Strict):
 
 
 class Hashed(Strict):
-    """The content of a whole file, with the hash of its meaning, which does not depend on the file's layout."""
+    """The content of a whole file, with a hash of its values that does not depend on the file's layout."""
 
     what: ClassVar[str]  # what the file should be, for messages
     limit: ClassVar[int] = MAX_CONTENT_BYTES
@@ -158,7 +158,7 @@ class Hashed(Strict):
         return hashlib.sha256(canonical_json(self.to_tables()).encode()).hexdigest()
 
     def model_copy(self, *, update: Mapping[str, Any] | None = None, deep: bool = False) -> Self:
-        """Return a copy, with some fields replaced; without the hash, which pydantic would copy along."""
+        """Return a copy, with some fields replaced, without the cached hash, which pydantic would copy, too."""
         copied = super().model_copy(update=update, deep=deep)
         copied.__dict__.pop("_content_sha256", None)
         return copied
@@ -209,7 +209,7 @@ class TomlFile(Hashed):
             raise InputError.of_validation(source, error, place=cls.head, model=cls) from error
 
     def to_tables(self) -> dict[str, Any]:
-        """Return the tables of the file, without what is unset."""
+        """Return the tables of the file, without unset fields."""
         flat = self.model_dump(mode="json", by_alias=True, exclude_none=True)
         tables = self.tables()
         head = {key: value for key, value in flat.items() if key not in tables}

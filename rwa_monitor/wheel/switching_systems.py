@@ -1,8 +1,8 @@
-"""Friction switching systems simulated as semi-Markov processes (paper, section III-B), begun in their stationary law.
+"""Friction switching systems simulated as semi-Markov processes (paper, section III-B), started in the stationary law.
 
-A record begins somewhere in the middle of a wheel's life, so the first configuration has probability ∝ π_j μ_j
-(π: stationary law of the jumping chain, μ: mean durations) and the rest of its sojourn has P(rest = r) = S(r)/μ: what a
-randomly chosen moment sees (errata 9).
+A record begins at an arbitrary time of a wheel's life, so the first configuration has probability ∝ π_j μ_j
+(π: stationary law of the jumping chain, μ: mean durations) and its remaining duration has P(rest = r) = S(r)/μ, the
+law at a randomly chosen time (errata 9).
 """
 
 from collections.abc import Callable
@@ -31,7 +31,7 @@ class Realisation(NamedTuple):
     friction
         float64 (n,), its friction, in units of the nominal dry torque.
     jump_index
-        int64 (m,), first slot of each new configuration; slot 0 is never one.
+        int64 (m,), first slot of each new configuration; never slot 0.
     """
 
     configuration: IntArray
@@ -55,7 +55,7 @@ def jumping_chain_law(system: SwitchingSystem) -> FloatArray:
     for q in range(system.configurations - 1):
         down = 1.0 - up[q + 1]
         if down == 0.0:
-            # The chain never comes back down: everything below is left for good.
+            # The chain never comes back down: all configurations below are transient.
             weight[: q + 1] = 0.0
             weight[q + 1] = 1.0
         else:
@@ -66,7 +66,7 @@ def jumping_chain_law(system: SwitchingSystem) -> FloatArray:
 
 @lru_cache(maxsize=256)
 def jump_rate(system: SwitchingSystem) -> float:
-    """Return how often a system jumps per slot, one over its mean sojourn; a wheel's is asked for at every window."""
+    """Return the mean number of jumps per slot, one over the mean sojourn; cached, as every window needs it."""
     return 1.0 / float(jumping_chain_law(system) @ np.array([law.mean() for law in system.durations]))
 
 
@@ -78,9 +78,9 @@ def time_law(system: SwitchingSystem) -> FloatArray:
 
 
 def residual_duration(law: DurationLaw, rng: Generator, limit: int) -> int:
-    """Draw how many slots a sojourn seen at a random moment still lasts, this slot included.
+    """Draw the remaining duration [slots] of a sojourn observed at a random time, the current slot included.
 
-    P(rest = r) = S(r)/μ for r ≥ 1, drawn by inverting its cumulative sum. Rests longer than `limit` are returned as
+    P(rest = r) = S(r)/μ for r ≥ 1, drawn by inverting its cumulative sum. Results above `limit` are returned as
     limit + 1: the record ends before.
     """
     survivals = np.cumsum(law.survival(np.arange(1, min(limit, int(law.longest())) + 1)))
@@ -95,7 +95,7 @@ def simulate_system(
     rng: Generator,
     friction_factor: float | FrictionFactor = 1.0,
 ) -> Realisation:
-    """Simulate a switching system over `slots` slots, begun in its stationary law.
+    """Simulate a switching system over `slots` slots, started in its stationary law.
 
     Parameters
     ----------
@@ -106,7 +106,7 @@ def simulate_system(
     rng
         Source of all randomness.
     friction_factor
-        The anomaly: multiplies the friction of every sojourn; a number, or a function of the sojourn's first slot.
+        The anomaly's factor on the friction of every sojourn: a number, or a function of the sojourn's first slot.
 
     Returns
     -------
@@ -116,7 +116,7 @@ def simulate_system(
     Raises
     ------
     InputError
-        If the system has no friction ranges: what it does can be learned from data, but not simulated.
+        If the system has no friction ranges, without which it cannot be simulated.
     """
     if system.friction is None:
         raise InputError(

@@ -1,8 +1,8 @@
-"""The torque balance of the rotor, and the friction derived from it: the one place that has the sign.
+"""The torque balance of the rotor, and the friction derived from it: the one module that defines the sign of friction.
 
 J·dω/dt = K_T·I − friction, all at the wheel's axis: behind a gear K_T is the motor's times the ratio. Friction is the
 *resisting* torque: positive when it opposes positive rotation (errata 1).
-A plain difference of a real tachometer is useless (errata 17), so dω/dt comes from a Savitzky-Golay filter.
+The difference of a real tachometer's readings is too noisy (errata 17), so dω/dt comes from a Savitzky-Golay filter.
 """
 
 from dataclasses import replace
@@ -15,12 +15,12 @@ from rwa_monitor.kernels import torque_balance as kernels
 from rwa_monitor.samples import FloatArray, Samples
 from rwa_monitor.wheel.wheel import Derivative, Wheel
 
-# In slots; a wider derivative is a wrong window_s, and would see nothing of a wheel's motion.
+# In slots; a wider stencil is a wrong window_s, and would average the wheel's motion away.
 MAX_HALF_WIDTH: Final = 5_000
-MAX_VARIANCE_RATIO: Final = 2.0  # of a slope over a gap to one without a gap
+MAX_VARIANCE_RATIO: Final = 2.0  # variance of a slope over a gap, to that of one without a gap
 Source = Literal["friction_torque_Nm", "motor_torque_Nm", "motor_current_A"]
 FRICTION_CHANNELS: Final[tuple[Source, ...]] = ("friction_torque_Nm", "motor_torque_Nm", "motor_current_A")
-LEAST_ERROR: Final = 0.02  # of the nominal dry friction, or of friction itself: half of a usual noise; less is no harm
+LEAST_ERROR: Final = 0.02  # of the nominal dry friction, or of friction itself: half of a usual noise; less is harmless
 
 
 def friction_torque(motor_torque_Nm: FloatArray, acceleration_rad_s2: FloatArray, inertia_kg_m2: float) -> FloatArray:
@@ -29,9 +29,9 @@ def friction_torque(motor_torque_Nm: FloatArray, acceleration_rad_s2: FloatArray
 
 
 def source_of(samples: Samples, wheel: Wheel, source: str = "") -> Source:
-    """Return the channel that friction comes from: itself, or the motor torque, or the motor current.
+    """Return the channel that gives friction: the friction torque, else the motor torque, else the motor current.
 
-    `source` is what the samples are called in an error; "" for the wheel's name.
+    `source` names the samples in an error; "" for the wheel's name.
 
     Raises
     ------
@@ -39,7 +39,7 @@ def source_of(samples: Samples, wheel: Wheel, source: str = "") -> Source:
         If friction is not given and the wheel's constants, or the channels, do not suffice to derive it.
     """
     constants = (wheel.inertia_kg_m2, wheel.torque_constant_Nm_A)
-    for needed, channel in enumerate(FRICTION_CHANNELS):  # each takes one constant more
+    for needed, channel in enumerate(FRICTION_CHANNELS):  # each needs one more constant
         if getattr(samples, channel) is not None and None not in constants[:needed]:
             return channel
     raise InputError(
@@ -62,12 +62,12 @@ def motor_torque(samples: Samples, wheel: Wheel) -> FloatArray | None:
 def without_motor(samples: Samples, wheel: Wheel) -> Samples:
     """Return the samples with a motor torque of zero, where the motor is off and no torque is given.
 
-    Friction is then -J dω/dt, and no torque constant is needed; a current that is read beside is none of the motor's.
+    Friction is then -J dω/dt, and no torque constant is needed; a current measured nevertheless is not the motor's.
 
     Raises
     ------
     InputError
-        If friction is to be derived so, and the wheel has no inertia.
+        If the motor torque is set to zero, and the wheel has no inertia.
     """
     given = samples.friction_torque_Nm is not None or samples.motor_torque_Nm is not None
     if not wheel.friction.motor_off or given:
@@ -127,7 +127,7 @@ def derivative_taps(derivative: Derivative, period_s: float) -> FloatArray:
 def weights_between(wheel: Wheel) -> FloatArray:
     """Return the weights with which the wheel's derivative averages dω/dt: between slots 0 and 1, 1 and 2, …, (h,).
 
-    Σ c_j ω_{k+j} = Σ_i W_i a_{k+i+½}: what lies between slots i and i + 1 counts in each tap beyond it.
+    Σ c_j ω_{k+j} = Σ_i W_i a_{k+i+½}: the acceleration between slots i and i + 1 enters each tap beyond them.
     """
     taps = derivative_taps(wheel.friction.derivative, wheel.sample_period_s)
     return np.ascontiguousarray(wheel.sample_period_s * np.cumsum(taps[: taps.size // 2 : -1])[::-1])
@@ -136,7 +136,7 @@ def weights_between(wheel: Wheel) -> FloatArray:
 def averaging_taps(wheel: Wheel) -> FloatArray:
     """Return the weights with which the wheel's derivative averages the torque of slots, float64 (2h + 1,), centred.
 
-    That between two slots is the mean of theirs.
+    The torque between two slots is taken as the mean of theirs.
     """
     weights = weights_between(wheel)
     return np.convolve(np.concatenate((weights[::-1], weights)), (0.5, 0.5))
@@ -145,7 +145,7 @@ def averaging_taps(wheel: Wheel) -> FloatArray:
 def differentiate(speed_rad_s: FloatArray, derivative: Derivative, period_s: float) -> FloatArray:
     """Return dω/dt on the slot grid [rad/s²], float64 (n,); NaN where the stencil meets a missing sample or an end.
 
-    Each slot is the same sum in the same order wherever its record was cut, so the result does not depend on the cut.
+    Each slot is the same sum in the same order, so the result does not depend on where a record is cut.
     """
     taps = derivative_taps(derivative, period_s)
     half = taps.size // 2
@@ -167,9 +167,9 @@ def differentiate(speed_rad_s: FloatArray, derivative: Derivative, period_s: flo
 def differentiate_over_gaps(speed_rad_s: FloatArray, derivative: Derivative, period_s: float) -> FloatArray:
     """Return dω/dt as `differentiate` does, and also where some of the stencil's samples are missing.
 
-    There it is the slope of the least-squares parabola through those samples that are left, at slots with a sample of
-    their own, as long as that has at most `MAX_VARIANCE_RATIO` times the variance. Nothing is filled in: a single lost
-    sample costs one slot, not a whole stencil of them.
+    There it is the slope of the least-squares parabola through the samples that are present, at slots with a sample of
+    their own, where its variance is at most `MAX_VARIANCE_RATIO` times that without a gap. No sample is filled in: a
+    single lost sample costs one slot, not a whole stencil of them.
 
     Parameters
     ----------
@@ -186,14 +186,14 @@ def differentiate_over_gaps(speed_rad_s: FloatArray, derivative: Derivative, per
 def rounding_error(
     speed_rad_s: FloatArray, motor_torque_Nm: FloatArray, wheel: Wheel, windows: int = 1, *, soft: bool = True
 ) -> FloatArray:
-    """Return by how much derived friction is wrong where the derivative rounds off a bend of the speed.
+    """Return the error of derived friction where the derivative smooths a bend of the speed.
 
     The motor's torque steps when a slew begins or ends, and dω/dt with it. The filter's slope does not: it is an
-    average of the accelerations over its window, so that K_T·I − J·dω/dt shows a pulse as large as half of the step.
-    A step of torque that friction asks for, at a jump or at a reversal, leaves the speed straight, and does no harm.
-    So a slot is recognised by two things: the torque there is not what the same average makes of the torque, by more
-    than its noise, and within the window the speed does bend as that torque, less its mean, bends a free rotor (least
-    squares beside a straight line).
+    average of the accelerations over its window, so that K_T·I − J·dω/dt has a pulse as large as half of the step.
+    A step of torque that balances a step of friction, at a jump or a reversal, does not bend the speed and causes no
+    error. So a slot has an error where two conditions hold: the torque differs from its average with the same weights
+    by more than its noise, and within the window the speed bends as that torque, less its mean, bends a free rotor's
+    (least squares, together with a straight line).
 
     Parameters
     ----------
@@ -202,18 +202,18 @@ def rounding_error(
     wheel
         Gives inertia, sample period, the derivative filter and the unit of torque.
     windows
-        How many times as wide as the filter's the window is in which the speed must bend: noise in the speed hides
-        steps of the torque in a narrow one.
+        Width of the window in which the speed must bend, in widths of the filter's window: in a narrow one noise of the
+        speed hides steps of the torque.
     soft
-        Whether bends count that no single torque shows, but the parabola through those of the window does, and what may
-        be a jump of the friction in such a bend is not known. The search, which has the whole record, fits polynomials
-        over longer windows instead.
+        Whether to include gradual bends, significant in the parabola through the window's torques but not in a single
+        one, and to return NaN where friction may jump within a bend. The search, which has the whole record, fits
+        polynomials over longer windows instead.
 
     Returns
     -------
     FloatArray
-        float64 (n,) [N m], to be subtracted from `derive_friction`: 0 where that is right, and where the stencil meets
-        an end of the arrays; NaN where its error is not known. Each slot depends on its window alone.
+        float64 (n,) [N m], to be subtracted from `derive_friction`: 0 where no error is found, and where the stencil
+        meets an end of the arrays; NaN where the error is not known. Each slot depends on its window alone.
 
     Raises
     ------
@@ -270,7 +270,7 @@ def mended_friction(
     wheel: Wheel,
     acceleration_rad_s2: FloatArray | None = None,
 ) -> FloatArray:
-    """Return what `derive_friction` does, less its error where the speed bends: as the monitor takes it.
+    """Return `derive_friction` less its error where the speed bends, as the monitor uses it.
 
     Parameters, units and errors are those of `derive_friction`; NaN also where the error is not known. dω/dt may be
     given, float64 (n,) [rad/s²], where it is known over gaps.
@@ -282,7 +282,7 @@ def mended_friction(
 
 
 def friction_of(samples: Samples, wheel: Wheel) -> FloatArray:
-    """Return the friction torque of a whole table, float64 (n,) [N m], given or derived; roughly around gaps then.
+    """Return the friction torque of a whole table, float64 (n,) [N m], given or derived; then inaccurate around gaps.
 
     Raises
     ------
@@ -330,13 +330,13 @@ def inertia_of(wheel: Wheel) -> float:
 def torque_per_ampere(drive: FloatArray, speed_rad_s: FloatArray, wheel: Wheel) -> float | FloatArray:
     """Return the torque at the wheel's axis that an ampere gives [N m/A]: K_T, times the ratio of a gear.
 
-    A gear with an efficiency η hands on that part of the power that goes through it: of the motor's torque η while the
+    A gear with an efficiency η transmits the share η of the power: its factor on the motor's torque is η while the
     motor drives the wheel, and 1/η while the wheel drives the motor.
 
     Parameters
     ----------
     drive, speed_rad_s
-        float64 (n,), current [A] or torque of the motor [N m], of which the sign counts, and the wheel's speed [rad/s].
+        float64 (n,), current [A] or torque of the motor [N m], only its sign is used, and the wheel's speed [rad/s].
     wheel
         Its torque constant and gear.
 

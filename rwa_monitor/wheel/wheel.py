@@ -1,7 +1,7 @@
 """The wheel: all constants of one reaction wheel, as written in its wheel.toml.
 
 A wheel is immutable and loads the same everywhere: simulator, estimator, detection, search. Only `name` and
-`sample_period_s` are required; what else is missing disables what needs it (see `Wheel.missing`).
+`sample_period_s` are required; any other missing constant disables the functions that need it (see `Wheel.missing`).
 """
 
 from typing import Annotated, ClassVar, Final, Literal, Self
@@ -26,7 +26,7 @@ class Nominal(Strict):
     dry_torque_Nm: Positive
     viscous_Nm_s_rad: NoNegative
     nominal_speed_rad_s: Positive
-    # Standard deviation of a healthy wheel's viscous friction where no temperature explains it, of itself.
+    # Standard deviation of a healthy wheel's viscous friction, as a share of it, where no temperature explains it.
     viscous_spread: NoNegative | None = None
     dry_torque_std_Nm: NotNegative | None = None
     viscous_std_Nm_s_rad: NotNegative | None = None
@@ -86,7 +86,7 @@ class Window(Strict):
 
 
 class TemperatureRange(Strict):
-    """Temperature of the bearing at which viscous friction was learned; beyond it is not judged [°C]."""
+    """Temperatures of the bearing at which viscous friction was learned [°C]; outside, it is not judged."""
 
     low_degC: Annotated[float, Field(gt=-273.15)]
     high_degC: float
@@ -141,7 +141,7 @@ class SwitchingSystem(Strict):
 class EffectBlock(Strict):
     """One effect beyond the base model, by its catalogue name, with its parameters in SI units; a formula has a law.
 
-    What a search writes beside: the parameters' standard deviations, where known, and the hash of its report.json.
+    A search also writes the parameters' standard deviations, where known, and the hash of its report.json.
     """
 
     name: str
@@ -151,11 +151,11 @@ class EffectBlock(Strict):
     std: dict[str, NotNegative] | None = None
 
     def __hash__(self) -> int:
-        """Hash by content, as the other parts do: what is worked out for a wheel is kept by the wheel."""
+        """Hash by content, as the other parts do: results that are computed for a wheel are cached by the wheel."""
         return hash((self.name, self.law, frozenset(self.parameters.items())))
 
 
-RESERVED_ANOMALIES: Final = ("dry", "viscous")  # anomaly names beside those of the switching systems
+RESERVED_ANOMALIES: Final = ("dry", "viscous")  # anomaly names in addition to those of the switching systems
 
 
 class Wheel(TomlFile):
