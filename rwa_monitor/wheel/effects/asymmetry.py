@@ -1,4 +1,4 @@
-"""What differs between the directions of rotation: dry friction, viscous friction, or an offset of the torque."""
+"""Differences between the directions of rotation: of dry friction, of viscous friction, or an offset of the torque."""
 
 import numpy as np
 

@@ -1,9 +1,9 @@
-"""What an effect is: one class that simulates it, gives its regression columns, bounds its parameters, explains itself.
+"""The base of all effects: a class simulates an effect, gives its columns, bounds its parameters and documents it.
 
-The simulator, the estimator, the live monitor and the discrepancy search share these classes, so that a formula
-stands in one place. Three families: *mean* effects add a torque, *noise* effects change the noise, *switching*
-effects change the jumps. This file has what all share, the mean and the noise family; `switching_base.py` has the
-third, and `catalogue.py` collects the classes.
+The simulator, the estimator, the live monitor and the discrepancy search share these classes, so that each formula is
+written once. Three families: *mean* effects add a torque, *noise* effects change the noise, *switching* effects change
+the jumps. This file has the common base, the mean and the noise family; `switching_base.py` has the third, and
+`catalogue.py` collects the classes.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ Shape = Mapping[str, float]  # values of the shape parameters, by name
 
 @dataclass(frozen=True, slots=True)
 class Channels:
-    """A wheel's motion on consecutive slots, as effects see it: float64 arrays (n,), NaN where unknown.
+    """A wheel's motion on consecutive slots, the input of effects: float64 arrays (n,), NaN where unknown.
 
     Attributes
     ----------
@@ -51,13 +51,13 @@ class Channels:
         in the search; None where not known yet.
     motor_torque_rate_Nm_s
         d(K_T·I)/dt [N m/s], from neighbours that exclude every sample entering the friction of the slot; None where
-        it is not prepared, `current_delay` then takes a backward difference of `motor_torque_Nm`.
+        it was not computed: `current_delay` then takes a backward difference of `motor_torque_Nm`.
     measured_angle_rad
-        The wheel's angle where it does not follow from the speed alone [rad]; None where it is the speed's integral.
+        The wheel's angle as measured [rad]; None where it is the speed's integral.
     bus_voltage_V
         Supply voltage [V], or None.
     averaged
-        Whether samples are means over their interval, or may be: nothing shows that they are of a moment.
+        Whether samples are, or may be, means over their interval: nothing shows that they are instantaneous.
     """
 
     time_s: FloatArray
@@ -91,7 +91,7 @@ class Channels:
 
     @property
     def used_speed_rad_s(self) -> FloatArray:
-        """|ω| of the good slots [rad/s]; one zero where there are none."""
+        """|ω| of the good slots [rad/s]; a single zero where there are none."""
         return self.known(np.abs(self.speed_rad_s))
 
     @property
@@ -109,12 +109,12 @@ class Channels:
         return float(np.median(moving)) if moving.size else 0.0
 
     def known(self, values: FloatArray) -> FloatArray:
-        """Return values, float64 (n,), of the good slots where they are known; one zero where none is."""
+        """Return the finite ones of values, float64 (n,), in the good slots; a single zero where there are none."""
         known = values[self.good & np.isfinite(values)]
         return known if known.size else np.zeros(1)
 
     def optional(self, name: str) -> FloatArray:
-        """Return an optional channel by its name, or NaN in every slot where it was not measured at all."""
+        """Return an optional channel by its name; NaN in every slot where the record has no such channel."""
         values: FloatArray | None = getattr(self, name)
         return np.full(len(self), np.nan) if values is None else values
 
@@ -139,13 +139,13 @@ class Parameter:
     choices
         The values of a discrete shape parameter that a search tries, empty for a continuous one.
     between
-        By how much the value may be off a choice before a record shows it, 0 where it never does; a search moves it so
-        far. None: only the choices are allowed.
+        Largest distance from a choice over which a search fits the value in a record, 0 for none. None: only the
+        choices are allowed.
     default
-        What an effect takes where the value is not given; None: it must be given.
+        Value that an effect takes where none is given; None: it must be given.
     shown
-        Range in which a record can show the parameter, of a scale (a speed, a time) what the record resolves; None: the
-        physical bounds.
+        Range in which the parameter is identifiable in a record: of a scale (a speed, a time), the range that the
+        record resolves; None: the physical bounds.
     """
 
     name: str
@@ -160,7 +160,7 @@ class Parameter:
     shown: Callable[[Channels], tuple[float, float]] | None = None
 
     def bounds(self, channels: Channels) -> tuple[float, float]:
-        """Return what a record can show inside the physical bounds; an empty range shrinks to its upper end."""
+        """Return the range identifiable in a record, within the physical bounds; an empty one shrinks to its end."""
         if self.shown is None:
             return self.low, self.high
         low, high = self.shown(channels)
@@ -168,12 +168,12 @@ class Parameter:
         return min(max(low, self.low), high), high
 
     def is_shown(self, channels: Channels) -> bool:
-        """Return whether a record can show any value of it inside the physical bounds."""
+        """Return whether any value within the physical bounds is identifiable in a record."""
         return self.shown is None or self.shown(channels)[0] <= self.high
 
 
-Quantity = Literal["inertia", "torque constant"]  # of the wheel file, that other channels may show
-# The docstring of an effect: its physics, what shows it, what it is confused with, its source.
+Quantity = Literal["inertia", "torque constant"]  # constants of the wheel file that other channels may determine
+# The docstring of an effect: its physics, its signature, what it is confused with, its source.
 EXPLAINED: Final = re.compile(
     r"[^\n]+\n\n(.+?)\n\n(?:What shows it\n-+\n(.+?)\n\n)?(?:See Also\n-+\n(.+?)\n\n)?References\n-+\n(.+)", re.DOTALL
 )
@@ -214,17 +214,17 @@ class Effect:
     changes_with_time: ClassVar[bool] = False
     # True where it follows a recording's own time or angle: its strength does not carry over to another.
     of_one_recording: ClassVar[bool] = False
-    # True where it comes and goes, so that friction seems to wander.
+    # True where it is intermittent, so that friction seems to drift as a random walk.
     comes_and_goes: ClassVar[bool] = False
     # True where it may drive the wheel, so that dry friction seems to be negative.
     may_drive: ClassVar[bool] = False
-    # The constant whose error it is; None where it is another thing.
+    # The constant whose error it is; None where it is not an error of one.
     error_of: ClassVar[Quantity | None] = None
-    # Why an exported friction model does not hold it; "" where it does.
+    # Why an exported friction model leaves it out; "" where it does not.
     not_exported: ClassVar[str] = ""
 
     def __init_subclass__(cls) -> None:
-        """Take out of a docstring what it explains; an effect without a title has its name for one."""
+        """Set the class's texts from its docstring, and a missing title from its name."""
         if "name" in vars(cls) and not hasattr(cls, "title"):
             cls.title = cls.name.replace("_", " ").capitalize()
         found = EXPLAINED.fullmatch(inspect.cleandoc(cls.__doc__ or ""))
@@ -266,7 +266,7 @@ class Effect:
 
     @classmethod
     def nothing_found(cls, samples: int = 0) -> LikelihoodFit:
-        """Return the fit of a record that cannot show the effect: typical values, no gain."""
+        """Return the fit where the effect is not identifiable in the record: typical values, no gain."""
         return LikelihoodFit(
             values={parameter.name: parameter.typical for parameter in cls.parameters},
             std={parameter.name: float("nan") for parameter in cls.parameters},
@@ -289,7 +289,7 @@ class Effect:
         return torque
 
     def read_speed(self, speed_rad_s: FloatArray) -> FloatArray:
-        """Return what the tachometer reads of a speed [rad/s]; unchanged by most effects.
+        """Return the tachometer's reading of a speed [rad/s]; unchanged by most effects.
 
         A simulator that derives friction from the measured speed uses this *instead of* the torque or the noise of an
         effect that changes it.
@@ -298,7 +298,7 @@ class Effect:
 
     @property
     def is_of_tachometer(self) -> bool:
-        """Whether the effect changes the speed that is read."""
+        """Whether the effect changes the tachometer's reading."""
         return type(self).read_speed is not Effect.read_speed
 
 
@@ -317,20 +317,20 @@ class MeanEffect(Effect):
     uses_level: ClassVar[bool] = False
     # Its shape parameter that is a speed at which the torque steps; "" without one.
     threshold: ClassVar[str] = ""
-    # What becomes of the torque when the same motion is made in the other direction: it flips ("odd", as friction
-    # does), it stays ("even", as an offset does), or neither.
+    # Symmetry of the torque when the motion is mirrored: it changes sign ("odd", as friction does), it stays ("even",
+    # as an offset does), or neither.
     parity: ClassVar[Literal["odd", "even", "none"]] = "odd"
     # True where the torque changes with time or temperature while the speed stays as it is.
     shows_at_one_speed: ClassVar[bool] = False
     # True where the first strength is a part of the viscous friction.
     is_part_of_viscous: ClassVar[bool] = False
-    # True where it is a share of the viscous friction at any speed: a fault of that one scales this one, too.
+    # True where it is a share of the viscous friction at any speed: a fault of the viscous friction scales it, too.
     scales_with_viscous: ClassVar[bool] = False
     # True where it makes the viscous friction follow the bearing's temperature.
     follows_temperature: ClassVar[bool] = False
-    # The effect that it looks like at one speed where a channel of that one is not measured; "" without one.
+    # The effect that it mimics at one speed where a channel of that effect is not measured; "" without one.
     unmeasured_cause: ClassVar[str] = ""
-    # What the choice of this one costs a search, as a deviance [-]: 2·ln of how many there are of its kind, else zero.
+    # Penalty of its choice in a search, as a deviance [-]: 2·ln of the number of its kind, or of the odds against it.
     choice_deviance: ClassVar[float] = 0.0
 
     @classmethod
@@ -364,34 +364,34 @@ class MeanEffect(Effect):
 
     @classmethod
     def shape_bounds(cls, channels: Channels) -> dict[str, tuple[float, float]]:
-        """Return the range in which this record can show each shape parameter; inside the physical bounds."""
+        """Return the range in which each shape parameter is identifiable in this record, within physical bounds."""
         return {parameter.name: parameter.bounds(channels) for parameter in cls.shape_parameters()}
 
     @classmethod
     def largest_share(cls, channels: Channels) -> float:
-        """Return the largest part of the friction that the effect may be in this record; 1 where nothing limits it."""
+        """Return the effect's largest possible share of the friction in this record; 1 where nothing limits it."""
         return 1.0
 
     @classmethod
     def is_possible(cls, strengths: FloatArray, dry_Nm: float, viscous_Nm_s_rad: float) -> bool:
-        """Return whether physics lets the fitted strengths be beside that friction: a bound is no finding."""
+        """Return whether the fitted strengths are possible with that friction; one at a bound other than 0 is not."""
         limits = [(parameter.low, parameter.high) for parameter in cls.strength_parameters()]
         return all(one == 0.0 or one not in ends for one, ends in zip(strengths.tolist(), limits, strict=True))
 
     @classmethod
     def reach_between(cls, channels: Channels) -> dict[str, float]:
-        """Return by how much a discrete shape parameter may be off a choice in this record, where it may; by name."""
+        """Return by name how far from a choice a discrete shape parameter is fitted in this record, where it is."""
         reach = {parameter.name: parameter.between(channels) for parameter in cls.parameters if parameter.between}
         return {name: most for name, most in reach.items() if most > 0.0}
 
     @classmethod
     def unresolved_as(cls, channels: Channels, shape: Shape) -> str:
-        """Return the effect that this one looks like where the motion does not resolve the shape; "" where it does."""
+        """Return the effect that this one mimics where the motion does not resolve the shape; "" where it does."""
         return ""
 
     @classmethod
     def plainer_shape(cls, shape: Shape) -> dict[str, float] | None:
-        """Return the shape that is the same where only a part of this one is there; None where there is no such."""
+        """Return the simpler shape that is equivalent where only some strengths are not zero; None without one."""
         return None
 
     def torque(self, channels: Channels, memory: Memory = None) -> tuple[FloatArray, Memory]:
@@ -400,7 +400,7 @@ class MeanEffect(Effect):
         return self.weighted(columns), memory
 
 
-# ---- what effects share: columns side by side, a memory -------------------------------------------------------------
+# ---- helpers of the effects: columns side by side, a memory ----------------------------------------------------------
 
 
 def stack(*columns: FloatArray) -> FloatArray:
@@ -409,14 +409,14 @@ def stack(*columns: FloatArray) -> FloatArray:
 
 
 def begun(memory: Memory, *start: float) -> FloatArray:
-    """Return the memory of an effect to be brought up to date: a copy, or what it is at the start of a record."""
+    """Return the memory of an effect to be updated: a copy, or its values at the start of a record."""
     return np.array(start) if memory is None else memory.copy()
 
 
 def since_last(usable: BoolArray, state: FloatArray) -> tuple[IntArray, FloatArray]:
-    """Return the usable slots, int64 (m,), and the slots from each back to the usable one before, float64 (m,).
+    """Return the usable slots, int64 (m,), and the distance of each from the previous usable one, float64 (m,).
 
-    `state`, float64 (1,), counts the slots since the last usable one of the piece before, and is brought up to date.
+    `state`, float64 (1,), holds the slots since the last usable one of the previous piece, and is updated.
     """
     at = np.flatnonzero(usable)
     since = np.diff(at, prepend=-1.0 - state[0])
@@ -436,10 +436,10 @@ def follow(
     memory: Memory,
     start: tuple[float, ...] = (np.nan, np.nan),
 ) -> tuple[FloatArray, FloatArray]:
-    """Return what a recursion of the kernels, which names the other arguments, makes of values, and its memory.
+    """Apply a recursion of the kernels, whose arguments the others are, to values; return the result and its memory.
 
-    `start` is its memory at the start of a record. `values` is float64 (n,), or a channel of which is written down what
-    becomes of it, instead of computed (`rwa_monitor.export`).
+    `start` is the memory at the start of a record. `values` is float64 (n,), or, in an export, a channel that records
+    the recursion instead of computing it (`rwa_monitor.export`).
     """
     state = begun(memory, *start)
     if isinstance(values, np.ndarray):
@@ -447,7 +447,7 @@ def follow(
     return values.follow(recursion.__name__, usable, parameter, state), state
 
 
-# ---- a fit by maximum likelihood: what noise and switching effects hand to the search --------------------------------
+# ---- a fit by maximum likelihood: the result of noise and switching effects for the search ---------------------------
 
 
 @dataclass(frozen=True, slots=True)
@@ -465,7 +465,7 @@ class LikelihoodFit:
     parameters
         Free parameters beyond those of the law without the effect.
     samples
-        How many values entered: residuals, or jumps.
+        Number of values in the fit: residuals, or jumps.
     undetermined
         Parameters that this fit does not estimate; their values are placeholders.
     """
@@ -479,7 +479,7 @@ class LikelihoodFit:
 
     @property
     def penalised_gain(self) -> float:
-        """2·gain less log n for each parameter (BIC); above zero where the effect is worth its parameters."""
+        """2·gain less log n for each parameter (BIC); positive where the gain exceeds the parameters' penalty."""
         return 2.0 * self.log_likelihood_gain - self.parameters * float(np.log(max(self.samples, 1)))
 
 
@@ -492,9 +492,9 @@ def curvature_std(log_likelihood: Callable[[float], float], at: float, step: flo
 def most_likely_one(
     gain: Callable[[float], float], low: float, high: float, tolerance: float
 ) -> tuple[float, float, float]:
-    """Return the positive parameter at which a gain is largest, its deviation by the curvature, and the gain, ≥ 0.
+    """Return the positive parameter of the largest gain, its standard deviation by the curvature, and the gain, ≥ 0.
 
-    It is looked for by its logarithm, between two bounds and to a tolerance.
+    The search is over its logarithm, between the logarithms of two bounds and to a tolerance.
     """
     from scipy import optimize
 
@@ -512,7 +512,7 @@ def most_likely_one(
 def most_likely(
     gain: Callable[[FloatArray], float], starts: Sequence[FloatArray], bounds: Sequence[tuple[float, float]]
 ) -> tuple[FloatArray, FloatArray, float]:
-    """Return the parameters near the best start at which a gain is largest, with deviations by its curvature.
+    """Return the parameters of the largest gain near the best start, with standard deviations by its curvature.
 
     Returns
     -------
@@ -538,8 +538,8 @@ def most_likely(
 
 
 # ---- noise effects: how they change simulated noise, and how they are recognised in a residual -----------------------
-# Noise effects add no regression column. Each has a likelihood of its own for the residual that is left after the base
-# law, its jumps and the mean effects are removed; it is compared with white Gaussian noise of the same residual.
+# Noise effects add no regression column. Each has a likelihood of its own for the residual of the base law, its jumps
+# and the mean effects; it is compared with the likelihood of white Gaussian noise for the same residual.
 
 
 class NoiseEffect(Effect, ABC):
@@ -572,18 +572,18 @@ class NoiseEffect(Effect, ABC):
         Parameters
         ----------
         residual_Nm
-            float64 (n,), what base law, jumps and mean effects leave, on consecutive slots.
+            float64 (n,), residual of base law, jumps and mean effects, on consecutive slots.
         channels
             The measured motion.
         good
             bool (n,), slots whose residual counts.
         variance_inflation
-            How many squares of the residual inform as much as one that is independent, 1 for white noise.
+            Number of squared residuals that carry as much information as an independent one, 1 for white noise.
 
         Returns
         -------
         LikelihoodFit
-            At the maximum of the likelihood; a gain of zero where the record cannot show the effect.
+            At the maximum of the likelihood; a gain of zero where the effect is not identifiable in the record.
         """
         usable = usable_residuals(residual_Nm, channels, good)
         count = int(usable.sum())
@@ -600,5 +600,5 @@ class NoiseEffect(Effect, ABC):
 
 
 def usable_residuals(residual_Nm: FloatArray, channels: Channels, good: BoolArray) -> BoolArray:
-    """Return the slots whose residual and speed count, bool (n,)."""
+    """Return the good slots with a finite residual and speed, bool (n,)."""
     return good & channels.moving & np.isfinite(residual_Nm)

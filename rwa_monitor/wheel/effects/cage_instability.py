@@ -1,4 +1,4 @@
-"""Cage instability: in a band of speeds the cage whirls, in bursts, and drags and shakes at once."""
+"""Cage instability: in a band of speeds the cage whirls in bursts, which add drag and noise together."""
 
 from collections.abc import Callable
 from typing import Final
@@ -11,10 +11,10 @@ from rwa_monitor.samples import BoolArray, FloatArray
 from rwa_monitor.wheel.effects.base import Channels, LikelihoodFit, NoiseEffect, Parameter, usable_residuals
 from rwa_monitor.wheel.effects.noise_laws import HeavyTailedNoise
 
-FEWEST_BURSTS: Final = 5  # fewer are chance, or what was seen once
-BESIDE_BURST: Final = 32  # slots to each side with which a burst's drag is compared
-FEWEST_BESIDE: Final = 4  # slots in a burst and beside it, for a mean
-DRAG_BY_CHANCE: Final = 0.2  # probability; that there are bursts is sure by then
+FEWEST_BURSTS: Final = 5  # fewer may be chance
+BESIDE_BURST: Final = 32  # slots before and after a burst with which its drag is compared
+FEWEST_BESIDE: Final = 4  # slots in a burst, and around it, for a mean
+DRAG_BY_CHANCE: Final = 0.2  # largest p-value of the drag; that there are bursts is tested separately
 MEDIAN_TO_STD: Final = 1.4826  # standard deviation of a Gaussian over its median absolute deviation
 EFFICIENCY_OF_MEDIAN: Final = 1.2533  # standard deviation of a median over that of a mean, √(π/2)
 
@@ -70,7 +70,7 @@ class CageInstability(NoiseEffect):
     ) -> tuple[LikelihoodFit, BoolArray]:
         """Fit bursts of noise in a band of speeds, with drag in them, and return which slots are in a burst.
 
-        Levels may be left in the residual. The gain is that of the noise alone, over any law of speed.
+        The residual may still hold levels. The gain is that of the noise alone, over noise that follows the speed.
         """
         usable = usable_residuals(residual_Nm, channels, good) & (channels.direction != 0)
         count = int(usable.sum())
@@ -85,7 +85,7 @@ class CageInstability(NoiseEffect):
         from scipy import stats
 
         if stats.wilcoxon(drag, alternative="greater").pvalue > DRAG_BY_CHANCE:
-            return nothing  # noise alone is no cage
+            return nothing  # noise without drag is no cage instability
         middle = max(float(np.median(drag)), 0.0)
         spread = MEDIAN_TO_STD * float(np.median(np.abs(drag - middle)))
         bursts, shaking = float(np.sqrt(drag.size)), max(int(np.count_nonzero(on)), 1)
@@ -98,19 +98,19 @@ class CageInstability(NoiseEffect):
             "burst_s": values["burst_s"] / bursts,
             "quiet_s": values["quiet_s"] / bursts,
         }
-        # The likelihood has as many: two scales, two mean stays, place and width of the band; the drag is not in it.
+        # The likelihood has as many: two scales, two mean durations, place and width of the band; no drag.
         return LikelihoodFit(values, std, gain, len(cls.parameters), count), on
 
     @classmethod
     def fitted(
         cls, residual_Nm: FloatArray, channels: Channels, usable: BoolArray, variance_inflation: float
     ) -> LikelihoodFit:
-        """Fit bursts, see `fit_bursts`: a band that drags without a pause is a law of the speed."""
+        """Fit bursts, see `fit_bursts`; drag in a band without pauses is not fitted: it is a law of the speed."""
         return cls.fit_bursts(residual_Nm, channels, usable)[0]
 
 
 def _drag_of_bursts(along: FloatArray, usable: BoolArray, on: BoolArray) -> FloatArray:
-    """Return the drag of each burst [N m]: its mean less that of the quiet slots beside it, whatever the level."""
+    """Return the drag of each burst [N m]: its mean less that of the quiet slots around it, which removes the level."""
     edges = np.flatnonzero(np.diff(np.concatenate([[0], on.astype(np.int8), [0]])))
     drag = []
     for begin, end in zip(edges[::2], edges[1::2], strict=True):
@@ -123,7 +123,7 @@ def _drag_of_bursts(along: FloatArray, usable: BoolArray, on: BoolArray) -> Floa
 
 
 def _bursts(slots: int, period_s: float, burst_s: float, quiet_s: float, rng: np.random.Generator) -> BoolArray:
-    """Return a random telegraph with exponential bursts and pauses of the given means; always on without pauses."""
+    """Return a random telegraph signal of exponential bursts and pauses of given means; always on without pauses."""
     if quiet_s == 0.0:
         return np.ones(slots, dtype=np.bool_)
     on = np.zeros(slots, dtype=np.bool_)
@@ -137,25 +137,25 @@ def _bursts(slots: int, period_s: float, burst_s: float, quiet_s: float, rng: np
 
 
 # ---- bursts of noise in a band of speeds: a hidden Markov chain of two states, quiet and shaking ---------------------
-# Seen in the differences of neighbouring residuals, pair by pair: levels, jumps and slow effects are not in them.
-# Each difference is Student-t with a scale that is a free function of |ω|; inside the band the scale also depends on
-# the state. The gain is over the same law without states: what no law of speed and no heavy tail explains, since the
-# one has no memory of time and the other no memory at all. The likelihood is the forward recursion of L. R. Rabiner, A
-# tutorial on hidden Markov models, Proceedings of the IEEE 77(2), 1989.
+# It is fitted to the differences of neighbouring residuals, in disjoint pairs, from which levels and slow effects
+# cancel. Each difference is Student-t with a scale that is a nonparametric function of |ω|; inside the band the scale
+# also depends on the state. The gain is over the same law without states, so that it is due neither to a law of the
+# speed nor to heavy tails, neither of which has states that last. The likelihood is the forward recursion of
+# L. R. Rabiner, A tutorial on hidden Markov models, Proceedings of the IEEE 77(2), 1989.
 
 
-BINS: Final = 40  # of |ω|, in each of which the differences have a scale of their own
+BINS: Final = 40  # of |ω|; each has its own scale of the differences
 FEWEST_IN_BIN: Final = 20  # differences for a scale
 CLIP_AT: Final = 4.0  # robust standard deviations, for that scale
-SHORTEST_STAY: Final = 16.0  # slots, mean: shorter bursts are heavy tails
-FIRST_STAY: Final = 100.0  # slots, mean, where the fit begins
+SHORTEST_STAY: Final = 16.0  # slots, mean duration of a state: shorter bursts cannot be distinguished from heavy tails
+FIRST_STAY: Final = 100.0  # slots, mean duration at which the fit begins
 HALF_WIDTHS: Final = (0.03, 0.06, 0.12, 0.25)  # of bands tried, as shares of the speeds' range
-WIDEST_BAND: Final = 0.3  # half width over the range of the speeds: wider is no band
+WIDEST_BAND: Final = 0.3  # half width as a share of the speeds' range: wider is no band
 FIRST_SCALES: Final = ((-0.25, 0.25), (-0.5, 0.4))  # logarithms of the quiet and the shaking scale over the bin's
 LEAST_FREEDOM: Final = HeavyTailedNoise.parameters[0].low  # degrees of freedom: a variance exists
 GAUSSIAN_FROM: Final = float(np.log(400.0))  # log of degrees of freedom from which the law is Gaussian
 MOST_EVALUATIONS: Final = 800
-FIRST_EVALUATIONS: Final = 120  # of each width: enough to find which is best
+FIRST_EVALUATIONS: Final = 120  # for each width: enough to find the best one
 
 
 def find_bursts(
@@ -170,21 +170,21 @@ def find_bursts(
     speed
         float64 (n,), |ω|.
     usable
-        bool (n,), slots that count.
+        bool (n,), slots to use.
 
     Returns
     -------
-    None where the speed does not vary or too little is usable, else at the maximum of the likelihood:
+    None where the speed does not vary or too few slots are usable, else at the maximum of the likelihood:
 
     log_likelihood_gain
         Over differences whose scale depends on the speed alone.
     values
-        Of the effect's parameters but the drag; durations in slots.
+        Of the effect's parameters except the drag; durations in slots.
     on
-        bool (n,), slots in a burst more likely than not.
+        bool (n,), slots that are in a burst with a probability above one half.
     """
     pairs = usable & np.concatenate([[False], usable[:-1]])
-    pairs[::2] = False  # neighbouring differences share a sample: an outlier would be two, and pass for a burst
+    pairs[::2] = False  # neighbouring differences share a sample: one outlier would give two and mimic a burst
     if np.count_nonzero(pairs) < 2 * FEWEST_IN_BIN or np.ptp(speed[pairs]) == 0.0:
         return None
     difference = np.concatenate([[0.0], np.diff(np.nan_to_num(residual))])
@@ -193,7 +193,7 @@ def find_bursts(
 
 
 def _scale_by_speed(difference: FloatArray, speed: FloatArray, pairs: BoolArray) -> FloatArray | None:
-    """Return the scale of the differences as a function of the speed, float64 (n,); None where they hold nothing."""
+    """Return the scale of the differences as a function of the speed, float64 (n,); None where no bin has a scale."""
     edges = np.linspace(speed[pairs].min(), speed[pairs].max(), BINS + 1)
     at = np.clip(np.searchsorted(edges, speed, side="right") - 1, 0, BINS - 1)
     scale = np.zeros(BINS)
@@ -237,7 +237,7 @@ def _fit(squares: FloatArray, speed: FloatArray, pairs: BoolArray) -> tuple[floa
         for at in np.linspace(0.0, 1.0, 1 + round(1.0 / half))
         for quiet, shaking in FIRST_SCALES
     ]
-    # The best of each width: in a narrow band a few bursts may fit better than the first guess in the right one.
+    # The best start of each width: a few bursts in a narrow band may fit better than the first guess in the true one.
     starts = [min((x for x in tries if x[7] == half * span), key=loss) for half in HALF_WIDTHS]
     best = _refined(loss, min((_refined(loss, start, FIRST_EVALUATIONS) for start in starts), key=loss))
     best = min(best, _refined(loss, _with_other_edges(loss, best, low, span)), key=loss)
@@ -256,7 +256,7 @@ def _fit(squares: FloatArray, speed: FloatArray, pairs: BoolArray) -> tuple[floa
 
 
 def _refined(loss: Callable[[FloatArray], float], start: FloatArray, evaluations: int = MOST_EVALUATIONS) -> FloatArray:
-    """Return the parameters at the minimum next to a start, or as near as so many evaluations come."""
+    """Return the parameters at the minimum next to a start, or the best ones within a number of evaluations."""
     from scipy import optimize
 
     steps = np.array([0.5, 0.1, 0.2, 0.3, 0.7, 0.7, 0.3 * start[7], 0.3 * start[7]])
@@ -267,7 +267,7 @@ def _refined(loss: Callable[[FloatArray], float], start: FloatArray, evaluations
 
 
 def _with_other_edges(loss: Callable[[FloatArray], float], best: FloatArray, low: float, span: float) -> FloatArray:
-    """Return parameters with either edge of their band where it does best: the likelihood has steps there."""
+    """Return parameters with either edge of the band at its best grid point: the likelihood has steps in the edges."""
     for side in (1.0, -1.0):
         fixed = best[6] - side * abs(best[7])
         tried = low + span * np.linspace(0.0, 1.0, 2 * BINS + 1)
@@ -278,7 +278,7 @@ def _with_other_edges(loss: Callable[[FloatArray], float], best: FloatArray, low
 
 
 def _freedom(x: float) -> float:
-    """Return degrees of freedom of their logarithm, kept between a variance that exists and a Gaussian."""
+    """Return degrees of freedom from their logarithm, limited from the lowest with a variance to a Gaussian."""
     return float(np.exp(np.clip(x, -20.0, GAUSSIAN_FROM))) + LEAST_FREEDOM
 
 

@@ -1,4 +1,4 @@
-"""All effects, found by importing every module of this package: adding an effect is adding one class."""
+"""All effects, found by importing every module of this package: to add an effect, add a class."""
 
 import pkgutil
 from collections.abc import Sequence
@@ -22,7 +22,7 @@ SWITCHING_EFFECTS: Final[dict[str, type[SwitchingEffect]]] = {}
 
 
 def register(effect: type[Effect]) -> type[Effect]:
-    """Add an effect to the catalogue; for one that lives outside this package, as a decorator of its class.
+    """Add an effect to the catalogue; for a class outside this package, as its decorator.
 
     From then on wheel files may name it, the simulator adds it, the diagnosis removes it and the search tries it.
 
@@ -82,7 +82,7 @@ def build(block: EffectBlock) -> Effect:
 
 
 def effect_class(name: str) -> type[Effect]:
-    """Return the effect of a name that a search gives: one of the catalogue, or a formula; raises KeyError."""
+    """Return the effect of a name in a search's result: one of the catalogue, or a formula; raises KeyError."""
     return FORMULAS[name.removeprefix(f"{BLOCK} ")] if name.startswith(f"{BLOCK} ") else CATALOGUE[name]
 
 
@@ -100,7 +100,7 @@ def viscous_effects(wheel: Wheel) -> list[MeanEffect]:
 
 
 def viscous_per_K(wheel: Wheel, temperature_degC: float) -> float:
-    """Return by which share the wheel's viscous friction changes for a kelvin, at a temperature [1/K]; 0 for none."""
+    """Return the relative change of the wheel's viscous friction per kelvin at a temperature [1/K]; 0 for none."""
     effects = viscous_effects(wheel)
     if not effects or wheel.nominal is None:
         return 0.0
@@ -121,11 +121,11 @@ def to_block(effect: Effect) -> EffectBlock:
     return EffectBlock(name=effect.name, parameters=dict(effect.values))
 
 
-# ---- known effects taken out of a measured friction torque, so that the base law is left: one place for live and batch
+# ---- known effects subtracted from a measured friction torque, down to the base law: shared by live and batch --------
 
 
-LEAST_FACTOR: Final = 0.01  # of the nominal viscous friction: what multiplies it takes no more of it away
-LEVEL_ROUNDS: Final = 4  # an asymmetry ε leaves ε⁵ of the level: 1e-5 of it at 10 %, the largest expected
+LEAST_FACTOR: Final = 0.01  # effects that multiply the viscous friction leave at least this share of it
+LEVEL_ROUNDS: Final = 4  # an asymmetry ε leaves an error of ε⁵ of the level: 1e-5 at 10 %, the largest expected
 
 
 def effect_torque(
@@ -135,13 +135,13 @@ def effect_torque(
     viscous_Nm_s_rad: float,
     memories: Sequence[Memory],
 ) -> tuple[FloatArray, FloatArray, list[Memory]]:
-    """Return what known effects make of a friction torque beside the base law.
+    """Return the torque of known effects in a friction torque, and the speed to which viscous friction is proportional.
 
     Those that are shares of the viscous friction (`scales_with_viscous`) do not add a torque of their own: with f_v the
-    wheel's viscous friction and φ their torque beside the nominal f₀, viscous friction is f_v·(ω + φ/f₀), so that a
-    fault scales the whole. Effects that scale with the dry level (`uses_level`) take it from the friction itself,
-    sample by sample: what is left of it along the rotation after the other effects and viscous friction. Its noise
-    enters ε times.
+    wheel's viscous coefficient, f₀ the nominal one and φ their torque at f₀, viscous friction is f_v·(ω + φ/f₀), so
+    that a fault scales the whole. Effects that scale with the dry level (`uses_level`) take it from the friction
+    itself, sample by sample: its residual after the other effects and viscous friction, along the rotation. Its noise
+    enters with a factor ε.
 
     Parameters
     ----------
@@ -152,17 +152,17 @@ def effect_torque(
     friction_torque_Nm
         float64 (n,), measured.
     viscous_Nm_s_rad
-        Viscous coefficient of the base law; the nominal one. Where it is 0, nothing can be a share of it, and all
+        Viscous coefficient of the base law; the nominal one. Where it is 0, no effect can be a share of it, and all
         effects add.
     memories
-        One for each effect: what an earlier call returned for the slots just before, None at the start of a record.
+        One for each effect, as returned for the slots just before; None at the start of a record.
 
     Returns
     -------
     torque
         float64 (n,), the torque of the effects that add [N m].
     viscous_speed
-        float64 (n,), what viscous friction is in proportion to [rad/s]: the speed where no effect multiplies it.
+        float64 (n,), to which viscous friction is proportional [rad/s]: the speed where no effect multiplies it.
     memories
         After the last slot.
     """

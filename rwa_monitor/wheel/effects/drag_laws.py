@@ -1,4 +1,4 @@
-"""Drag beside the base law's: near zero, by another power of the speed, with an end, by the load or the temperature."""
+"""Drag beyond the base law: near zero, as a power of the speed, saturating, by load or by temperature."""
 
 from typing import ClassVar, Final
 
@@ -10,14 +10,14 @@ from rwa_monitor.samples import FloatArray
 from rwa_monitor.wheel.effects.base import Channels, MeanEffect, Memory, Parameter, Shape, follow, stack
 
 GONE_AT: Final = 5.0  # [-] at |ω| = 5 ω_s less than 1 % is left for exponents of one and more
-# Of the largest value: e⁻² of a wide knee (δ = 1) is left there, and the rest is seen; a wider bump has no centre.
+# Of the largest value: a wide knee (δ = 1) has fallen to e⁻² there and is identifiable; a wider bump has no centre.
 WIDEST_SHARE: Final = 0.5
 MOST_STATIC: Final = 3.0  # (τ_S − τ_C)/τ_C [-]: bearings show up to 1, other machines more, a working assumption
-EXPONENT_REACH: Final = 0.6  # of a round of fitting; several follow each other
+EXPONENT_REACH: Final = 0.6  # from the start of a round of fitting; several rounds follow each other
 
 
 def _shown_knee(channels: Channels) -> tuple[float, float]:
-    """From a few speed steps to half of the largest speed: wider ones are a part of the slope."""
+    """Return a few speed steps and half of the largest speed: a wider knee is a part of the slope."""
     speed = channels.used_speed_rad_s
     return max(3.0 * channels.speed_step_rad_s, float(speed.min()) / GONE_AT), WIDEST_SHARE * float(speed.max())
 
@@ -72,7 +72,7 @@ class Stribeck(MeanEffect):
 
     @classmethod
     def is_possible(cls, strengths: FloatArray, dry_Nm: float, viscous_Nm_s_rad: float) -> bool:
-        """Static friction is little more than Coulomb friction: what is many times as much is another drag."""
+        """Return whether static friction exceeds Coulomb friction by at most three times that; else other drag."""
         return float(strengths[0]) <= MOST_STATIC * dry_Nm
 
 
@@ -80,7 +80,7 @@ ORIGIN_degC: Final = 20.0  # where laws of the temperature are one or zero: a co
 REFERENCE_K: Final = zero_Celsius + ORIGIN_degC  # [K] where ν = ν₀: it shifts strength into the base slope
 SEASON_K: Final = 15.0  # [K] to either side over a year in orbit; a working assumption
 LEAST_K: Final = 0.5  # [K] within a record: less is the resolution of a housekeeping sensor, and shows no lag
-LAG_REACH_S: Final = 300.0  # [s] of a round of fitting; several follow each other
+LAG_REACH_S: Final = 300.0  # [s] from the start of a round of fitting; several rounds follow each other
 
 
 def temperature_varies(channels: Channels) -> bool:
@@ -96,7 +96,7 @@ SENSOR_LAG: Final = Parameter("sensor_lag_s", "s", 0.0, 7200.0, 0.0, False, (0.0
 
 
 def lagged_temperature(channels: Channels, shape: Shape, memory: Memory) -> tuple[FloatArray, Memory]:
-    """Return the temperature where an effect acts [°C], float64 (n,): it follows the sensor's with `sensor_lag_s`."""
+    """Return the sensor's temperature lagged by `sensor_lag_s` [°C], float64 (n,), and the memory of the lag."""
     temperature = channels.optional("bearing_temperature_degC")
     if shape[SENSOR_LAG.name] > 0.0:
         known, period_s = np.isfinite(temperature), channels.sample_period_s
@@ -196,11 +196,11 @@ class QuadraticDrag(MeanEffect):
 
 
 SHARPEST: Final = 6.0  # of the bend: at ω_s the drag is 89 % of its end; sharper is a corner
-RARER: Final = 100.0  # odds of a power law, which bearings of machines are known to follow, against this one
+RARER: Final = 100.0  # prior odds of a power law, which bearings of machines are known to follow, over this law
 
 
 def _shown_speed(channels: Channels) -> tuple[float, float]:
-    """From a few speed steps, below which it is dry friction, to the largest speed, above which it is a slope."""
+    """Return a few speed steps, below which it is dry friction, and the largest speed, above which it is a slope."""
     top = float(channels.used_speed_rad_s.max())
     return max(3.0 * channels.speed_step_rad_s, 1e-3 * top), top
 
@@ -251,7 +251,7 @@ class SaturatingDrag(MeanEffect):
         return ratio / (1.0 + np.abs(ratio) ** bend) ** (1.0 / bend)
 
 
-ACTIVATION_REACH_K: Final = 3000.0  # [K] of a round of fitting; several follow each other
+ACTIVATION_REACH_K: Final = 3000.0  # [K] from the start of a round of fitting; several rounds follow each other
 
 
 def _activation_reach(channels: Channels) -> float:
@@ -305,7 +305,7 @@ class SublinearViscous(MeanEffect):
 
     @classmethod
     def column(cls, channels: Channels, shape: Shape) -> FloatArray:
-        """Return the drag, less as the bearing warms where B is not zero."""
+        """Return the drag at unit strength; where B is not zero, it falls as the bearing warms."""
         drag = channels.direction * np.power(np.abs(channels.speed_rad_s), shape["exponent"])
         activation_K = shape["activation_temperature_K"]
         if activation_K != 0.0:

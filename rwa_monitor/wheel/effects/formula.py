@@ -1,9 +1,9 @@
-"""Formulas of a small grammar: a law for what no effect of the catalogue explains.
+"""Formulas of a small grammar: a law for friction that no effect of the catalogue explains.
 
 A structure is a carrier times a function of one variable, such as "dry*tanh(speed)", a·tanh(|ω|/ω0)·sign ω. Every
 function takes a dimensionless argument, a constant's unit follows from the variable, and that of the strength from the
-carrier. No structure has more than three constants. Structures are classes like the effects of the catalogue, but none
-of it: a wheel file names them as the effect "formula" with the key `law`, which is looked up and never evaluated.
+carrier. No structure has more than three constants. Structures are classes like the effects of the catalogue, but not
+in it: a wheel file names them as the effect "formula" with the key `law`, which is looked up and never evaluated.
 """
 
 import re
@@ -22,10 +22,10 @@ from rwa_monitor.wheel.effects.drag_laws import WIDEST_SHARE, ORIGIN_degC
 from rwa_monitor.wheel.effects.torque_ripple import TorqueRipple, angle_turned
 
 BLOCK: Final = "formula"  # the name of the effect in a wheel file
-RESOLVED_STEPS: Final = 3.0  # of a variable from slot to slot: a narrower feature falls between samples
-FINEST_SHARE: Final = 0.02  # of the largest value: a scale below is a step at zero
-INSIDE_SHARE: Final = 0.05  # of the range: a centre nearer to its ends has no samples beyond
-SLEW_QUANTILE: Final = 0.99  # of |dω/dt|: what single samples reach is noise
+RESOLVED_STEPS: Final = 3.0  # changes of a variable from slot to slot: a narrower feature falls between samples
+FINEST_SHARE: Final = 0.02  # of the largest value: a smaller scale cannot be distinguished from a step at zero
+INSIDE_SHARE: Final = 0.05  # of the range: a centre nearer to an end has too few samples beyond it
+SLEW_QUANTILE: Final = 0.99  # of |dω/dt|: higher values of single samples are noise
 
 
 class Function(NamedTuple):
@@ -34,9 +34,9 @@ class Function(NamedTuple):
     Attributes
     ----------
     text
-        With {x}, the variable, {one}, its unit, and the constants by role.
+        With placeholders: {x}, the variable, {one}, its unit, and the constants by role.
     roles
-        Of its constants, in the order of `value`.
+        Of its constants, in the order of the arguments of `value`.
     value
         Its value, float64 (n,) or (strengths, n), from the variable and the constants.
     strengths
@@ -57,17 +57,17 @@ class Variable(NamedTuple):
     symbol, unit, words
         For the text of a formula.
     functions
-        Names of those that are tried on it.
+        Names of the functions that are tried on it.
     constants
         Symbol and parameter by role.
     values
         The quantity, float64 (n,), and the memory, from channels, shape and memory.
     origin
-        What is subtracted where a function has no centre of its own.
+        Subtracted from the values where a function has no centre of its own.
     own
         Roles of the constants that `values` itself needs.
     needs
-        Optional channel.
+        Optional channels that it needs.
     """
 
     symbol: str
@@ -91,7 +91,7 @@ class Carrier(NamedTuple):
 
 
 def _since_slew(channels: Channels, shape: Shape, memory: Memory) -> tuple[FloatArray, Memory]:
-    """Return the time since |dω/dt| was above α0 [s], infinite before; the memory is that of the last slot."""
+    """Return the time since |dω/dt| was last above α0 [s], infinite before the first; and the memory."""
     rate, every = channels.acceleration_rad_s2, np.ones(len(channels), dtype=np.bool_)
     return follow(time_since, rate, every, channels.sample_period_s, shape["slew_rad_s2"], memory, (np.inf,))
 
@@ -191,8 +191,8 @@ CARRIERS: Final = {
     "viscous": Carrier("·ω", "N m s/rad", "_Nm_s_rad", lambda channels: channels.speed_rad_s),
     "even": Carrier("", "N m", "_Nm", lambda channels: np.ones(len(channels))),
 }
-RANGED: Final = ("scale", "centre", "width")  # roles of which the variable's range in a record limits what it shows
-TWICE: Final = ("viscous*power(speed)",)  # dry*power(speed) with another exponent
+RANGED: Final = ("scale", "centre", "width")  # roles whose identifiable range the variable's range in a record limits
+TWICE: Final = ("viscous*power(speed)",)  # left out: equals dry*power(speed) with another exponent
 
 
 class Formula(MeanEffect):
@@ -231,7 +231,10 @@ class Formula(MeanEffect):
 
 
 def _shown(name: str, role: str, channels: Channels) -> tuple[float, float]:
-    """Scales up to the largest value, centres inside the range, widths up to half of it, none below the samples."""
+    """Return the identifiable range: scales up to the largest value, centres inside the range, widths up to half of it.
+
+    Scales and widths are no smaller than the samples resolve.
+    """
     values = channels.known(VARIABLES["time" if name == "slew" else name].values(channels, {}, None)[0])
     low, high, size = float(values.min()), float(values.max()), float(np.max(np.abs(values - VARIABLES[name].origin)))
     margin = INSIDE_SHARE * (high - low)
@@ -242,7 +245,7 @@ def _shown(name: str, role: str, channels: Channels) -> tuple[float, float]:
     step = RESOLVED_STEPS * float(np.median(steps)) if steps.size else 0.0
     if role == "width":
         return max(step, FINEST_SHARE * (high - low)), WIDEST_SHARE * (high - low)
-    seen_from = 0.0 if VARIABLES[name].origin else low  # of what is gone before that only a tail is seen
+    seen_from = 0.0 if VARIABLES[name].origin else low  # of a smaller scale only a tail is in the data
     return max(step, FINEST_SHARE * size, seen_from), size
 
 
@@ -287,7 +290,7 @@ def _structure(carrier: str, function: str, variable: str) -> type[Formula]:
         "parameters": (*strengths, *parameters),
     }
     structure = cast("type[Formula]", type(law, (Formula,), body))
-    setattr(Formula, law, structure)  # where pickle finds it: a class of the module would join the catalogue
+    setattr(Formula, law, structure)  # where pickle finds it: a module-level class would be registered in the catalogue
     return structure
 
 
@@ -308,7 +311,7 @@ Formula.choice_deviance = 2.0 * float(np.log(len(FORMULAS)))
 
 
 def parse(law: str) -> type[Formula]:
-    """Return the structure with an id; spaces do not count.
+    """Return the structure with an id; spaces are ignored.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""Jumps of the dry friction that wheel.toml does not have: of another shape, of one more system, or at other times."""
+"""Jumps of the dry friction beyond those of wheel.toml: of another shape, of an extra system, or at other times."""
 
 from collections.abc import Callable
 from typing import Final
@@ -22,8 +22,8 @@ from rwa_monitor.wheel.effects.switching_base import (
 from rwa_monitor.wheel.switching_systems import simulate_system
 from rwa_monitor.wheel.wheel import FrictionRange, SwitchingSystem
 
-SHORTEST_SLOTS: Final = 20  # of a relaxation: shorter ones are outliers beside a jump
-LONGEST_SHARE: Final = 0.1  # of the record: longer ones are drifts
+SHORTEST_SLOTS: Final = 20  # of a relaxation: a shorter one cannot be distinguished from outliers next to a jump
+LONGEST_SHARE: Final = 0.1  # of the record, of a relaxation: a longer one is a drift
 
 
 def _shown_time(channels: Channels) -> tuple[float, float]:
@@ -142,9 +142,9 @@ class ExtraSwitchingSystem(SwitchingEffect):
         return self.values["strength_Nm"] * simulate_system(system, len(channels), rng).friction
 
 
-FEWEST_SOJOURNS: Final = 5  # or jumps: fewer show no law
+FEWEST_SOJOURNS: Final = 5  # or jumps: fewer do not determine a law
 FEWEST_PASSES: Final = 2  # from the lower quarter of the covariate's range to the upper one, or back
-STEEPEST: Final = 20.0  # of the log rate over the range of the speed: beyond, all jumps are at one speed
+STEEPEST: Final = 20.0  # change of the log rate over the covariate's range: beyond, all jumps are at one value
 
 
 class SpeedTriggeredJumps(SwitchingEffect):
@@ -196,15 +196,15 @@ class SpeedTriggeredJumps(SwitchingEffect):
 
     @classmethod
     def _fit_one(cls, evidence: SwitchingEvidence, covariate: FloatArray, name: str) -> LikelihoodFit:
-        """Fit λ ∝ exp(c·x), with the sojourns where jumps were attributed, else with the places of all jumps."""
+        """Fit λ ∝ exp(c·x) to the sojourns where jumps were attributed, else to the positions of all jumps."""
         known = evidence.good & np.isfinite(covariate)
         everywhere = covariate[known]
         if len(evidence.jumps) < FEWEST_SOJOURNS or everywhere.size < 2 or everywhere.max() == everywhere.min():
             return cls.nothing_found(len(evidence.jumps))
         low, span = float(everywhere.min()), float(everywhere.max() - everywhere.min())
         if _passes((everywhere - low) / span) < FEWEST_PASSES:
-            return cls.nothing_found(len(evidence.jumps))  # a rate that changes with time would look the same
-        # From 0 to 1 over its range; where it is not known, the jumps' clock goes at its mean rate.
+            return cls.nothing_found(len(evidence.jumps))  # cannot be distinguished from a rate that changes with time
+        # From 0 to 1 over its range; where it is not known, the mean is taken.
         x = np.where(known, (covariate - low) / span, float((everywhere.mean() - low) / span))
         gain = _sojourn_gain(evidence, x) if evidence.sojourns else _place_gain(evidence, x)
 
@@ -230,8 +230,8 @@ def _passes(x: FloatArray) -> int:
 
 
 def _place_gain(evidence: SwitchingEvidence, x: FloatArray) -> Callable[[float], float]:
-    """Return the gain of c by the places of the jumps alone: Σ_j c·x_j - m·log mean exp(c·x), a Poisson process."""
-    # The value just before a jump is what triggers it. The mean over slots is one over narrow bins.
+    """Return the gain of c by the positions of the jumps alone: Σ_j c·x_j - m·log mean exp(c·x), a Poisson process."""
+    # The value just before a jump triggers it. The mean over slots is computed over narrow bins.
     at_jumps = x[np.maximum(evidence.jumps.index - 1, 0)]
     count, edges = np.histogram(x, bins=BINS, range=(0.0, 1.0))
     middle = 0.5 * (edges[1:] + edges[:-1])
@@ -244,7 +244,7 @@ def _place_gain(evidence: SwitchingEvidence, x: FloatArray) -> Callable[[float],
 
 
 def _sojourn_gain(evidence: SwitchingEvidence, x: FloatArray) -> Callable[[float], float]:
-    """Return the gain of c by the sojourns: on the clock of rate ∝ exp(c·x) they must follow the known laws."""
+    """Return the gain of c by the sojourns, which follow the known laws on a clock of rate ∝ exp(c·x)."""
 
     def log_likelihood(c: float) -> float:
         """Return the log-likelihood of all sojourns on the clock of this c."""

@@ -1,4 +1,4 @@
-"""Drag of what was before: it lags the speed, or the sign of the speed, or drifts with time."""
+"""Drag that depends on the past: it lags the speed, or the sign of the speed, or drifts with time."""
 
 from typing import Final
 
@@ -10,11 +10,11 @@ from rwa_monitor.wheel.effects.base import Channels, MeanEffect, Memory, Paramet
 from rwa_monitor.wheel.effects.tachometer import SpeedDeadZone
 
 MOST_TRAILING: Final = 5.0  # of the viscous friction: a working assumption
-FASTEST_S: Final = 10.0  # of a lubricant, see `source`; what is faster is the drive's
+FASTEST_S: Final = 10.0  # of a lubricant, see `source`; faster lags are the drive's
 
 
 def _shown_lag(channels: Channels) -> tuple[float, float]:
-    """From 10 s, or ten slots (shorter: like dω/dt), to the record's length (longer: like ω and a drift)."""
+    """Return 10 s, or ten slots (shorter mimics dω/dt), and the record's length (longer mimics ω and a drift)."""
     return max(10.0 * channels.sample_period_s, FASTEST_S), channels.duration_s
 
 
@@ -57,11 +57,11 @@ class LubricantLag(MeanEffect):
 
     @classmethod
     def is_possible(cls, strengths: FloatArray, dry_Nm: float, viscous_Nm_s_rad: float) -> bool:
-        """What trails is a part of the viscous friction, or little more: drag hardly falls while the speed rises."""
+        """Return whether trailing drag (b < 0) is at most a few times the viscous friction."""
         return float(strengths[0]) >= -MOST_TRAILING * viscous_Nm_s_rad
 
 
-SEEN_SLOTS: Final = 3  # after a reversal: fewer have no shape
+SEEN_SLOTS: Final = 3  # after a reversal: fewer do not determine a shape
 
 
 def _slot_at_reversal(channels: Channels) -> float:
@@ -122,7 +122,7 @@ class Presliding(MeanEffect):
 
 
 def _shown_drift(channels: Channels) -> tuple[float, float]:
-    """From a twentieth of the record (shorter: a transient at its start) to ten records (longer: a ramp)."""
+    """Return a twentieth of the record (shorter: a transient at its start) and ten records (longer: a ramp)."""
     return 0.05 * channels.duration_s, 10.0 * channels.duration_s
 
 
@@ -172,5 +172,5 @@ class RunInDrift(MeanEffect):
 
     @classmethod
     def largest_share(cls, channels: Channels) -> float:
-        """All of the friction within an hour: the catalogue's is slower (see `source`: hours and longer)."""
+        """Return the record's length in hours, at most 1: run-in takes hours and longer (see `source`)."""
         return min(channels.duration_s / SECONDS_PER_HOUR, 1.0)

@@ -1,4 +1,4 @@
-"""Noise of another law than white and Gaussian: coloured, with heavy tails, or of a spread that follows the speed."""
+"""Noise that is not white and Gaussian: autocorrelated, heavy-tailed, or with a spread that depends on the speed."""
 
 import math
 from collections.abc import Mapping
@@ -44,7 +44,7 @@ class ColouredNoise(NoiseEffect):
     def fitted(
         cls, residual_Nm: FloatArray, channels: Channels, usable: BoolArray, variance_inflation: float
     ) -> LikelihoodFit:
-        """Fit φ by the conditional likelihood of each sample given its neighbour, where both are good."""
+        """Fit φ by the conditional likelihood of each sample given the previous one, where both are usable."""
         pairs = usable[1:] & usable[:-1]
         count = int(pairs.sum())
         before, after = residual_Nm[:-1][pairs], residual_Nm[1:][pairs]
@@ -58,7 +58,7 @@ class ColouredNoise(NoiseEffect):
 
 
 def autoregress(innovation: FloatArray, coefficient: float) -> FloatArray:
-    """Return x_k = φ x_{k-1} + √(1-φ²) e_k, float64 (n,), with the variance of e, begun in its stationary law."""
+    """Return x_k = φ x_{k-1} + √(1-φ²) e_k, float64 (n,), with the variance of e, started in its stationary law."""
     from scipy import signal
 
     first, fresh = innovation[:1], [math.sqrt(1.0 - coefficient * coefficient)]
@@ -66,7 +66,7 @@ def autoregress(innovation: FloatArray, coefficient: float) -> FloatArray:
 
 
 SCALE_ROUNDS: Final = 25  # of the EM iteration for the scale; it gains a digit every few rounds
-GAUSSIAN_FROM: Final = 100.0  # [-] degrees of freedom from which the law is Gaussian for every purpose
+GAUSSIAN_FROM: Final = 100.0  # [-] degrees of freedom from which the law is practically Gaussian
 
 
 class HeavyTailedNoise(NoiseEffect):
@@ -138,7 +138,7 @@ def student_log_likelihood(squares: FloatArray, degrees_of_freedom: float) -> fl
     return float(squares.size * constant - 0.5 * (nu + 1.0) * np.sum(np.log1p(squares / (nu * scale2))))
 
 
-BINS: Final = 200  # of |ω|, or of what else a law follows: its likelihood needs only count and mean square in each
+BINS: Final = 200  # of |ω|, or of another covariate: the likelihood needs only count and mean square in each
 
 
 class SpeedDependentNoise(NoiseEffect):
@@ -188,9 +188,9 @@ class SpeedDependentNoise(NoiseEffect):
     ) -> LikelihoodFit:
         """Fit growth alone and a band alone; return the one that is better by BIC.
 
-        The gain of a band counts less by the variance inflation: it is looked for in a hundred places, and noise that
-        clusters makes one. Growth is one number over the whole range, which the acceptance threshold guards well
-        enough.
+        The gain of a band is divided by the variance inflation: a band is searched at a hundred places, and noise
+        whose variance clusters mimics one. Growth is one number over the whole range, for which the acceptance
+        threshold suffices.
         """
         speed = np.abs(channels.speed_rad_s[usable])
         if speed.max() == speed.min():
@@ -230,7 +230,7 @@ class _Binned:
         return float(0.5 * self.samples * (np.log(white) - np.log(scaled)) - 0.5 * np.sum(self.count * np.log(factor2)))
 
 
-# The noise grows with the speed or it is raised in a band: a fit of one does not bear on the other.
+# The noise grows with the speed, or it is raised in a band: a fit of one does not estimate the other.
 OF_GROWTH: Final = frozenset({"strength_s_rad"})
 OF_BAND: Final = frozenset({"band_strength", "band_speed_rad_s", "band_width_rad_s"})
 _NOTHING: Final = dict(SpeedDependentNoise().values)
@@ -238,7 +238,7 @@ _UNKNOWN: Final = dict.fromkeys(_NOTHING, float("nan"))
 
 
 def _fit_growth(binned: _Binned) -> LikelihoodFit:
-    """Fit σ₀ (1 + c|ω|): c from a thousandth of, to a thousand times, one over the largest speed."""
+    """Fit σ₀ (1 + c|ω|), with c between 1e-3 and 1e3 times one over the largest speed."""
 
     def gain(growth: float) -> float:
         return binned.gain({**_NOTHING, "strength_s_rad": growth})
@@ -254,7 +254,7 @@ def _fit_band(binned: _Binned) -> LikelihoodFit:
     span = binned.high - binned.low
 
     def values(x: FloatArray) -> dict[str, float]:
-        # In logarithms of strength and width, so that both stay positive; wider than the range is no band.
+        # In logarithms of strength and width, so that both stay positive.
         strength, width = float(np.exp(x[0])), span * float(np.exp(x[2]))
         place = {"band_speed_rad_s": binned.low + span * float(x[1]), "band_width_rad_s": width}
         return {**_NOTHING, "band_strength": strength, **place}

@@ -1,7 +1,7 @@
-"""Base of the switching effects: how they change simulated jumps, and how they are recognised in found ones.
+"""Base of the switching effects: how they change simulated jumps, and how they are recognised in detected jumps.
 
 An effect may change the law of a switching system, the clock on which it runs, or the level itself; and it may add a
-torque that depends on the jumps, which is then a regression column too, once the jumps are known.
+torque that depends on the jumps, which is also a regression column once the jumps are known.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from rwa_monitor.wheel.effects.base import Channels, Effect, Family, Shape
 from rwa_monitor.wheel.switching_systems import Realisation
 from rwa_monitor.wheel.wheel import SwitchingSystem
 
-# Of the sojourns, that may be anything: a visit of a few slots is not seen, and the rests beside it pass for one.
+# Share of the sojourns with an arbitrary duration: where a visit of a few slots is missed, two rests merge into one.
 STRAY_SHARE: Final = 0.02
 TINY: Final = float(np.finfo(np.float64).tiny)  # keeps a logarithm finite
 
@@ -56,23 +56,23 @@ class Jumps:
         return np.concatenate([[0.0], self.size_Nm])[self.segment(slots)]
 
     def since_s(self, slots: int, period_s: float) -> FloatArray:
-        """Return the time since that jump, or since the record's start, float64 (slots,) [s]."""
+        """Return the time since the last jump, or since the record's start, float64 (slots,) [s]."""
         begin = np.concatenate([[0], self.index])[self.segment(slots)]
         return np.asarray((np.arange(slots) - begin) * period_s)
 
 
 @dataclass(frozen=True, slots=True)
 class Sojourns:
-    """Complete sojourns of one switching system, as an assignment found them; arrays (k,).
+    """Complete sojourns of one switching system in an assignment; arrays (k,).
 
     Attributes
     ----------
     start
         int64, first slot.
     configuration
-        int64, which configuration.
+        int64, its configuration.
     slots
-        int64, how long it lasted; those cut by the record's ends are left out.
+        int64, its duration; sojourns cut by the record's ends are left out.
     """
 
     start: IntArray
@@ -85,10 +85,10 @@ class Sojourns:
         return Sojourns(self.start[at], self.configuration[at], self.slots[at])
 
     def log_likelihood(self, system: SwitchingSystem, slots: IntArray) -> float:
-        """Return log P of other lengths of these sojourns, int64 (k,), under the known laws, softened.
+        """Return log P of given durations of these sojourns, int64 (k,), under the known laws, softened.
 
-        A law with a hard edge forbids what lies beyond it, so that one wrongly found jump would condemn it: a small
-        share of the sojourns is granted to a memoryless law of the same mean.
+        A law with a hard edge gives durations beyond it no probability, so that one false jump would rule it out:
+        each law is mixed with a small share of a memoryless law of the same mean.
         """
         total = 0.0
         for q, law in enumerate(system.durations):
@@ -100,16 +100,16 @@ class Sojourns:
 
 @dataclass(frozen=True, slots=True)
 class SwitchingEvidence:
-    """What a fit of the rate of jumps goes by.
+    """The data for a fit of the rate of jumps.
 
     Attributes
     ----------
     channels
         The measured motion.
     good
-        bool (n,), slots that count.
+        bool (n,), slots to use.
     jumps
-        The jumps found.
+        The detected jumps.
     systems
         The known switching systems, by name.
     sojourns
@@ -125,7 +125,7 @@ class SwitchingEvidence:
 
 @dataclass(frozen=True, slots=True)
 class JumpClock:
-    """A clock on which switching systems run that is not the wheel's: a slot of the record is many or few of its own.
+    """A clock of the switching systems that runs faster or slower than the record's.
 
     Attributes
     ----------
@@ -142,17 +142,17 @@ class JumpClock:
 
     @property
     def slots(self) -> int:
-        """How many slots of its own the record lasts."""
+        """Length of the record in slots of the clock."""
         return int(self.slot_of[-1]) + 1
 
     def slot_in_record(self, slot: int) -> int:
-        """Return the first slot of the record at which the clock has reached a slot of its own."""
+        """Return the first slot of the record in which the clock has reached a slot of the clock."""
         return int(np.searchsorted(self.slot_of, slot))
 
     def read(self, realisation: Realisation) -> Realisation:
-        """Return what a system simulated over the clock's own slots does over the record's.
+        """Return a realisation over the clock's slots, sampled at the slots of the record.
 
-        A sojourn that begins and ends within one slot of the record is not seen.
+        A sojourn that begins and ends within one slot of the record is lost.
         """
         sojourn = np.searchsorted(realisation.jump_index, self.slot_of, side="right")
         return Realisation(
@@ -163,10 +163,10 @@ class JumpClock:
 
 
 class SwitchingEffect(Effect):
-    """An effect that changes the jumps of the dry level. Each overrides what it changes; the rest stays.
+    """An effect that changes the jumps of the dry level. Each overrides the methods whose result it changes.
 
     A simulator calls in this order: `change_system` for each switching system, `clock` for the clock on which all run,
-    `extra_level` for what is added to the level, and, once the jumps are known, `torque`.
+    `extra_level` for the level to be added, and, once the jumps are known, `torque`.
     """
 
     family: ClassVar[Family] = "switching"
@@ -181,7 +181,7 @@ class SwitchingEffect(Effect):
         return None
 
     def extra_level(self, channels: Channels, rng: np.random.Generator) -> FloatArray:
-        """Return what is added to the dry level, float64 (n,) [N m]."""
+        """Return the level to be added to the dry level, float64 (n,) [N m]."""
         return np.zeros(len(channels))
 
     @classmethod

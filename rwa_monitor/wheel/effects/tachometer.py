@@ -1,4 +1,4 @@
-"""What a tachometer makes of the speed: it comes in steps, and near zero the electronics see no motion at all."""
+"""Errors of a tachometer: its readings are quantised, and near zero it reads no motion at all."""
 
 from dataclasses import replace
 from typing import Final, NamedTuple
@@ -9,10 +9,10 @@ from rwa_monitor.kernels.noise import CHI_MEDIAN
 from rwa_monitor.samples import BoolArray, FloatArray
 from rwa_monitor.wheel.effects.base import Channels, LikelihoodFit, MeanEffect, NoiseEffect, Parameter, Shape
 
-FEWEST_RESTS: Final = 25.0  # readings that rest where the wheel moves: 3e-8 by chance
-FEWEST_HELD: Final = 4  # readings that are the same; on a grid as fine as their noise neighbours often are
-PARTS: Final = 4  # of the speeds between the edge and twice of it: a wheel that passes them is seen in each
-EVENLY: Final = 0.25  # of an even share of the readings, in each part: less is a dwell beside it
+FEWEST_RESTS: Final = 25.0  # readings that rest while the wheel moves: probability 3e-8 by chance
+FEWEST_HELD: Final = 4  # equal readings in a row; on a grid as fine as the noise, fewer are often equal
+PARTS: Final = 4  # of the speeds between the edge and twice the edge: a wheel that passes them has readings in each
+EVENLY: Final = 0.25  # least number of readings in a part, as a share of the mean: fewer mean a dwell next to zero
 
 
 def _shown_width(channels: Channels) -> tuple[float, float]:
@@ -65,20 +65,20 @@ class SpeedDeadZone(MeanEffect):
         return np.where(np.abs(speed_rad_s) < self.values["dead_zone_rad_s"], 0.0, speed_rad_s)
 
 
-# ---- a zone that shows in the readings: they rest on zero, or on the last one outside, while the wheel passes --------
+# ---- a dead zone in the readings: they stay at zero, or at the last one outside, while the wheel passes through ------
 
 
 class ReadZone(NamedTuple):
-    """A dead zone as readings of the speed show it.
+    """A dead zone estimated from readings of the speed.
 
     Attributes
     ----------
     width_rad_s, std_rad_s
-        The slowest reading of a wheel that moves, and what that may be above the edge [rad/s].
+        The slowest reading of a moving wheel, and its standard deviation from the zone's edge [rad/s].
     inside
         bool (n,), readings that rest.
     deviance
-        Twice the log-likelihood of readings that leave out the zone, beside ones as dense within it as next to it.
+        Twice the log-likelihood ratio of no readings within the zone, against readings as dense as next to it.
     """
 
     width_rad_s: float
@@ -88,18 +88,19 @@ class ReadZone(NamedTuple):
 
 
 def read_zone(speed_rad_s: FloatArray, step_rad_s: float) -> ReadZone | None:
-    """Return the dead zone that readings of the speed show; None where none does.
+    """Return the dead zone in readings of the speed; None where there is none.
 
-    A wheel that passes zero evenly is as long below a speed as between that and twice of it. A zone shows where
-    readings fill the latter, rest in between, and none lies below. A wheel that stops is seen below as well, one that
-    hurries through zero does not rest, and one that dwells beside zero does not fill what is around.
+    A wheel that passes zero at constant acceleration is below a speed as long as between that and twice that speed.
+    There is a zone where readings fill the latter range, rest between the crossings, and none is slower. A wheel that
+    stops also has slower readings, one that crosses zero fast does not rest, and one that dwells next to zero does not
+    fill the range around.
 
     Parameters
     ----------
     speed_rad_s
         float64 (n,), readings in order, NaN where unknown [rad/s].
     step_rad_s
-        Of the grid that they lie on, 0 for none: between zero and one step there are no readings anyway.
+        Step of their grid, 0 for none: between zero and one step there are no readings in any case.
     """
     known = np.flatnonzero(np.isfinite(speed_rad_s))
     reading = speed_rad_s[known]
@@ -113,7 +114,7 @@ def read_zone(speed_rad_s: FloatArray, step_rad_s: float) -> ReadZone | None:
         return None
     width, between = float(size.min()), np.diff(moving) - 1
     crossed = (side[1:] != side[:-1]) & (between > 0)
-    # How many readings next to the edge are of a passage: without a gap in it, up to twice the speed.
+    # Count the readings next to the edge that belong to a passage: without a gap, up to twice the edge's speed.
     near = size < 2.0 * width
     passage = np.cumsum(np.append(True, ~(near[1:] & near[:-1])))
     passed = near & np.isin(passage, passage[1:][crossed & near[1:]])
@@ -122,7 +123,7 @@ def read_zone(speed_rad_s: FloatArray, step_rad_s: float) -> ReadZone | None:
     count *= max(width - step_rad_s, 0.0) / width
     if count < FEWEST_RESTS or filled.min() < EVENLY * filled.mean():
         return None
-    # A wheel that hurries through a zone which there is leaves a reading that is held for a sample or two.
+    # A wheel that crosses an existing zone fast leaves a reading that is held for a sample or two.
     side_of_run = np.sign(reading[begins])
     turns = np.append(side_of_run[1:] != side_of_run[:-1], False)[run]
     inside = np.zeros(speed_rad_s.size, dtype=np.bool_)
@@ -130,11 +131,11 @@ def read_zone(speed_rad_s: FloatArray, step_rad_s: float) -> ReadZone | None:
     return ReadZone(width, max(width / (int(passed.sum()) + 1), step_rad_s), inside, float(2.0 * np.log(2.0) * count))
 
 
-SMOOTHING_SLOTS: Final = (7, 15)  # of a parabola that stands for the true speed under the steps: as that bends, or not
+SMOOTHING_SLOTS: Final = (7, 15)  # of the parabola that estimates the true speed: for one that bends much, or little
 LONGEST_STENCIL: Final = 8  # slots to each side: a Savitzky-Golay window of 2 s at 8 Hz
-WIDER: Final = 8.0  # times as many multiples in each turn: a step known over some gives eight times as many rightly
+WIDER: Final = 8.0  # factor on the multiples used in each round: a step fitted to some numbers eight times as many
 ON_LATTICE: Final = 1e-3  # of a step: how far a reading may be off its grid point (rounding of the file)
-SHARE_OF_SCATTER: Final = 0.25  # of the scatter of the readings: less, and it is noise, not rounding, that matters
+SHARE_OF_SCATTER: Final = 0.25  # least share of rounding in the readings' variance; below, noise dominates
 
 
 class TachometerQuantisation(NoiseEffect):
@@ -172,7 +173,7 @@ class TachometerQuantisation(NoiseEffect):
     )
 
     def apply(self, noise_Nm: FloatArray, channels: Channels, rng: np.random.Generator) -> FloatArray:
-        """Add what a central difference of the read speed makes of the steps, at its ends one-sided."""
+        """Add the friction's error from the rounding: -J times its central difference, one-sided at the ends."""
         error = self.read_speed(channels.speed_rad_s) - channels.speed_rad_s
         return noise_Nm - self.values["inertia_kg_m2"] * np.gradient(error, channels.sample_period_s)
 
@@ -193,7 +194,7 @@ class TachometerQuantisation(NoiseEffect):
 
         for slots in SMOOTHING_SLOTS:
             error = speed - signal.savgol_filter(speed, slots, 2, mode="constant", cval=np.nan)
-            followed = signal.savgol_coeffs(slots, 2)[slots // 2]  # of an error of its own, by the parabola
+            followed = signal.savgol_coeffs(slots, 2)[slots // 2]  # weight of a sample in its own fitted value
             # By the median, which outliers do not move.
             scatter = float(np.nanmedian(error**2)) / CHI_MEDIAN / (1.0 - followed)
             if step**2 / 12.0 >= SHARE_OF_SCATTER * scatter:
@@ -234,7 +235,7 @@ class TachometerQuantisation(NoiseEffect):
         return LikelihoodFit(
             values={"step_rad_s": step, "inertia_kg_m2": inertia},
             std={"step_rad_s": 0.0, "inertia_kg_m2": float(np.sqrt(max(variance, 0.0)))},
-            # A fit that leaves nothing at all would have an infinite likelihood: rounding is the least noise there is.
+            # An exact fit would have an infinite likelihood: the residual is at least the rounding of floats.
             log_likelihood_gain=-0.5 * count * float(np.log(max(left / total, np.finfo(np.float64).eps))),
             parameters=stencil + 1,
             samples=count,
@@ -242,10 +243,10 @@ class TachometerQuantisation(NoiseEffect):
 
 
 def quantisation_step(speed_rad_s: FloatArray) -> float | None:
-    """Return the step of the grid that speed readings lie on [rad/s], or None where there is none.
+    """Return the step of the grid of speed readings [rad/s], or None where they lie on none.
 
     The step is the smallest difference of distinct readings, and every reading must be a multiple of it. A table
-    written with seven digits is on a grid too: whether a step is of any consequence is for the caller to see.
+    written with seven digits is on a grid, too: whether a step matters is for the caller to decide.
     """
     levels = np.unique(speed_rad_s)
     if levels.size < 2:
@@ -253,7 +254,7 @@ def quantisation_step(speed_rad_s: FloatArray) -> float | None:
     gaps = np.diff(levels)
     gaps[gaps <= gaps.max() * 1e-9] = np.inf  # multiples of a step differ in their last bits
     at, step = int(np.argmin(gaps)), float(gaps.min())
-    # The smallest gap alone carries the rounding of two readings: it is refined over more and more multiples of it.
+    # The smallest gap carries the rounding of two readings: the step is refined over more and more of its multiples.
     span, reach = levels - levels[at], 1.0
     while reach * step < np.abs(span).max():
         reach *= WIDER
@@ -269,9 +270,9 @@ def quantisation_step(speed_rad_s: FloatArray) -> float | None:
 
 
 def error_of_step(speed_rad_s: FloatArray, step: float) -> float:
-    """Return the standard deviation of the step of a grid from what its readings are off it [rad/s].
+    """Return the standard deviation of the step of a grid from the distances of its readings to the grid [rad/s].
 
-    Numbers that are off by nothing are still rounded to their own last bit.
+    The distance is taken as at least the spacing of floats.
     """
     levels = np.unique(speed_rad_s)
     multiples = np.rint(levels / step)

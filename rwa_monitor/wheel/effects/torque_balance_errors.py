@@ -1,4 +1,4 @@
-"""What is taken for friction where the torque balance has a wrong constant, or channels of different times."""
+"""Apparent friction from a torque balance with a wrong constant, or with channels misaligned in time."""
 
 from typing import ClassVar
 
@@ -47,7 +47,7 @@ class InertiaError(MeanEffect):
         """Return dω/dt.
 
         In the search `acceleration_rad_s2` must not come from samples that enter the friction of the same slot: the two
-        would share noise, and an error of inertia would be found that is not there (1.6 % at |t| = 36 in a trial).
+        would share noise and mimic an error of inertia (1.6 % at |t| = 36 in a trial).
         Derive it from neighbours outside the friction's own stencil.
         """
         return channels.acceleration_rad_s2.astype(np.float64)
@@ -170,7 +170,7 @@ class CurrentDelay(MeanEffect):
 
         In the search `motor_torque_rate_Nm_s` must be given, from neighbours that leave out every sample entering
         the friction of the slot. Without it a backward difference of K_T I is taken, which shares the slot's own
-        noise: good for simulation and for removing a known effect, not for finding one. It is 0 at the first usable
+        noise: fit for simulation and for removing a known effect, not for finding one. It is 0 at the first usable
         slot of a record, NaN where there is no torque; the memory is the last torque and the slots since.
         """
         if channels.motor_torque_rate_Nm_s is not None:

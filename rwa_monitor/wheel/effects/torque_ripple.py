@@ -9,16 +9,16 @@ from rwa_monitor.wheel.effects.base import Channels, MeanEffect, Memory, Paramet
 
 MAX_HARMONIC: Final = 48  # [-] per turn of the wheel: six pulses per electrical turn, up to eight pole pairs
 ORDERS: Final = tuple(float(h) for h in range(1, MAX_HARMONIC + 1))
-LOWEST_ORDER: Final = 0.2  # [-] of what is no whole order: a cage turns at 0.35 to 0.65 of the wheel
-FEWEST_PERIODS: Final = 1.5  # within the range of the angle: a wave that is not seen to repeat is a curve over it
-MANY_TURNS: Final = 50.0  # range of the angle in turns from which on an order that is no whole number is a line beside
+LOWEST_ORDER: Final = 0.2  # [-] need not be a whole number: a cage turns at 0.35 to 0.65 of the wheel
+FEWEST_PERIODS: Final = 1.5  # within the range of the angle: with fewer, a wave is not seen to repeat
+MANY_TURNS: Final = 50.0  # range of the angle in turns from which lines at fractional orders are resolved separately
 
 
 def angle_turned(channels: Channels, memory: Memory = None) -> tuple[FloatArray, Memory]:
     """Return the wheel's angle [rad], float64 (n,), NaN where unknown: as measured, else the speed's integral.
 
-    That is by the trapezoidal rule, 0 at the first usable slot of a record; across a gap as if the speed had changed
-    evenly: the wheel turns on. Its memory is the angle, the last ω, and the slots since.
+    The integral uses the trapezoidal rule, also across a gap, and is 0 at the first usable slot of a record. The memory
+    is the angle, the last ω, and the slots since.
     """
     if channels.measured_angle_rad is not None:
         return np.where(channels.moving, channels.measured_angle_rad, np.nan), memory
@@ -34,7 +34,7 @@ def angle_turned(channels: Channels, memory: Memory = None) -> tuple[FloatArray,
 
 
 def angle_range_turns(channels: Channels) -> float:
-    """Return between how many turns the wheel's angle lies; orders nearer than one over that look alike."""
+    """Return the range of the wheel's angle in turns; orders nearer than one over it cannot be distinguished."""
     angle, _ = angle_turned(channels)
     return float(np.ptp(channels.known(angle))) / (2.0 * np.pi)
 
@@ -46,7 +46,7 @@ def half_a_line(channels: Channels) -> float:
 
 
 def orders_shown(channels: Channels) -> tuple[float, float]:
-    """Return the orders that repeat within the range of the angle."""
+    """Return the lowest order that repeats within the range of the angle, and the highest order."""
     turns = angle_range_turns(channels)
     return (FEWEST_PERIODS / turns if turns > 0.0 else ORDERS[-1]), ORDERS[-1]
 
@@ -110,9 +110,8 @@ class TorqueRipple(MeanEffect):
         """Return cos and sin of h·θ and 2·h·θ, with θ integrated here from the speed.
 
         At 8 Hz a wheel turns many times between two samples, so that the phase depends on how the speed is integrated:
-        by rectangles it is off by half a slot's angle, which changes with the speed. One rule for simulation and
-        search, the trapezoidal one, keeps them together; `Channels.angle_rad` may follow another. A measured angle
-        is taken as it is.
+        by rectangles it is off by half a slot's angle, which changes with the speed. So simulation and search use the
+        same rule, the trapezoidal one; `Channels.angle_rad` may use another. A measured angle is used as it is.
         """
         angle, memory = angle_turned(channels, memory)
         phase = shape["harmonic"] * angle
@@ -120,12 +119,12 @@ class TorqueRipple(MeanEffect):
 
     @classmethod
     def plainer_shape(cls, shape: Shape) -> dict[str, float] | None:
-        """Twice the order: where only the double of an order is there, that is the order."""
+        """Return twice the order, which is the order where only the double harmonic is present."""
         double = 2.0 * shape["harmonic"]
         return {"harmonic": double} if double <= MAX_HARMONIC else None
 
 
 def coherent_slots(harmonic: float, speed_noise_rad_s: float, sample_period_s: float) -> int:
-    """Return after how many slots white noise of the speed has let the phase of a harmonic wander by one radian."""
+    """Return the slots after which white noise of the speed makes the phase of a harmonic drift by one radian (std)."""
     step = harmonic * speed_noise_rad_s * sample_period_s
     return int(min(1.0 / step**2, np.iinfo(np.int32).max)) if step > 0 else int(np.iinfo(np.int32).max)
