@@ -86,7 +86,7 @@ class Window(Strict):
 
 
 class TemperatureRange(Strict):
-    """Temperatures of the bearing at which viscous friction was learned [°C]; outside, it is not judged."""
+    """Temperature of the bearing at which viscous friction was learned; beyond it is not judged [°C]."""
 
     low_degC: Annotated[float, Field(gt=-273.15)]
     high_degC: float
