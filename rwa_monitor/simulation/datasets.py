@@ -1,7 +1,8 @@
-"""Labelled windows by recipe: what the classifiers learn from and what every figure of the benchmark is measured on.
+"""Labelled windows by recipe, on which the classifiers are trained and every figure of the benchmark is measured.
 
-A recipe draws a wheel of its own (duration laws, healthy friction), then a scenario, then simulates it. All randomness
-comes from one seed; the i-th record of a dataset depends on the seed and on i only, never on how many are asked for.
+A recipe draws a wheel (duration laws), then a scenario (healthy friction, motion, anomalies), then simulates it. All
+randomness comes from one seed; the i-th record of a dataset depends on the seed and on i only, not on the number of
+records.
 """
 
 from collections.abc import Callable, Iterator, Mapping
@@ -20,8 +21,8 @@ from rwa_monitor.wheel.durations import DurationLaw, Geometric, Histogram, Logno
 from rwa_monitor.wheel.effects.drag_laws import SEASON_K
 from rwa_monitor.wheel.wheel import EffectBlock, FrictionRange, SwitchingSystem, Wheel, built_in_wheel
 
-# Severities: the factor of each anomaly on what is nominal (dry and viscous coefficients, friction of a system).
-# `mild` is given by the project's issue. Those of `paper` were searched once and frozen where the paper's method comes
+# Severities: the factor of each anomaly on the nominal value (dry and viscous coefficients, friction of a system).
+# `mild` is given by the project's issue. Those of `paper` were searched once and fixed where the paper's method comes
 # near the paper's figures, about 95 % detection of each anomaly and false positives of about 3 % (docs/benchmark.md).
 MILD_SEVERITIES: Final = {"dry": 1.30, "viscous": 1.15, "fss_1": 1.6, "fss_2": 1.4}
 HARD_SEVERITIES: Final = {**MILD_SEVERITIES, "fss_3": 1.6}
@@ -29,37 +30,37 @@ PAPER_SEVERITIES: Final = {"dry": 2.2, "viscous": 1.12, "fss_1": 1.8, "fss_2": 2
 
 # Healthy wheels differ from their wheel file's historical averages: preload and lubricant fill vary from unit to unit,
 # and a degree of temperature changes viscous friction by some per cent (−2…−8 %/K). A wheel's averages are
-# its own, so only what drifts since they were taken is left: 3 % of dry and 2 % of viscous friction (standard
-# deviations, a working assumption), cut at three of them so that no healthy wheel looks anomalous by a freak draw.
+# its own, so only the drift since they were taken remains: 3 % of dry and 2 % of viscous friction (standard
+# deviations, a working assumption), truncated at three of them so that no healthy wheel is anomalous by a rare draw.
 BASE_DRY_STD: Final = 0.03
 BASE_VISCOUS_STD: Final = 0.02
 BASE_CUT: Final = 3.0  # standard deviations
 
-# The paper counts 26 ± 10 changepoints a window of 80,000; Examples 1 and 2 alone give 14.6. The rate of jumps of a
-# wheel (one over the factor on its durations) is uniform between these two; mean and standard deviation of the count
-# then come out as the paper's (tests/simulation/test_datasets.py measures them).
+# The paper counts 26 ± 10 changepoints per window of 80,000; Examples 1 and 2 alone give 14.6. The factor on a wheel's
+# rate of jumps (one over that on its durations) is uniform between these two; mean and standard deviation of the count
+# then equal the paper's (tests/simulation/test_datasets.py measures them).
 PAPER_JUMP_RATE: Final = (0.63, 2.93)
 
 HARD_JUMP_SIGMAS: Final = (3.0, 6.0)  # jumps of `hard` in standard deviations of the noise
-HARD_GAPS: Final = (1, 4)  # gaps a window, both included
+HARD_GAPS: Final = (1, 4)  # gaps per window, both included
 HARD_GAP_S: Final = (1.0, 60.0)  # s: a lost packet to a short outage
-HARD_ANOMALY_SHARE: Final = 0.25  # probability of each anomaly; each of its combinations occurs
+HARD_ANOMALY_SHARE: Final = 0.25  # probability of each anomaly, independently
 FLEET_WINDOWS: Final = 24  # windows in the life of one wheel
 FLEET_ONSET: Final = (0.1, 0.5)  # share of that life after which its anomaly begins to grow
 FLEET_SEVERITIES: Final = {name: 1.0 + 1.5 * (mild - 1.0) for name, mild in MILD_SEVERITIES.items()}  # at its end
 LABEL_SHARE: Final = 0.5  # a growing anomaly counts as active from half of its final severity on
 
 
-# A bearing in orbit: ±3 K with the eclipses, ±15 K over the seasons, seen by a sensor on the housing; viscosity falls
-# by 2 to 8 % a kelvin (the catalogue's range). Working assumptions, but for the catalogue's.
+# A bearing in orbit: ±3 K with the eclipses, ±15 K over the seasons, measured by a sensor on the housing; viscosity
+# falls by 2 to 8 % per kelvin (the catalogue's range). All but the latter are working assumptions.
 ORBIT_SWING_K: Final = 3.0
 ACTIVATION_K: Final = (1700.0, 6900.0)
 SENSOR_LAG_S: Final = (300.0, 1200.0)  # s, tens of minutes at most for a wheel of a few kilograms
 # `flown`: noise as measured on six joints of a robot at 200 Hz (docs/measured.md: correlation of neighbours 0.56 to
-# 0.98 after the law that was found, spread up to three times larger at speed, 3.5 to 12 degrees of freedom), taken to
-# the wheel's own period. Quanta are those of 13 to 16 bits over twice the maximum current. No record at hand is long
-# enough to show a drift over hours: that, and the sizes of the anomalies, are working assumptions. Durations are those
-# of `paper`.
+# 0.98 in the residual of the fitted law, spread up to three times larger at speed, 3.5 to 12 degrees of freedom),
+# converted to the wheel's own period. Quanta are those of 13 to 16 bits over twice the maximum current. No available
+# record is long enough to measure a drift over hours: that, and the sizes of the anomalies, are working assumptions.
+# Durations are those of `paper`.
 FLOWN_CORRELATION_TIME_S: Final = (0.0086, 0.25)  # s, of an AR(1) with that correlation
 FLOWN_TAILS: Final = (3.5, 12.0)  # degrees of freedom
 FLOWN_SPREAD: Final = (1.0, 3.0)  # of the noise at nominal speed over that at rest
@@ -75,11 +76,11 @@ class LabelledWindow:
     Attributes
     ----------
     name
-        Name of the record, unique in its dataset; records of one wheel begin alike.
+        Name of the record, unique in its dataset; records of one wheel share a prefix.
     wheel
         The wheel as its wheel.toml states: laws, nominal values.
     scenario
-        What was simulated.
+        The scenario that was simulated.
     telemetry
         Samples and truth.
     """
@@ -100,22 +101,22 @@ class LabelledWindow:
         return "+".join(name for name, active in self.labels.items() if active) or "nominal"
 
 
-# Wheel, its number, windows of its life, generator → what happens to it.
+# Wheel, its number, windows of its life, generator → its scenario.
 DrawScenario = Callable[[Wheel, int, int, Generator], Scenario]
 
 
 @dataclass(frozen=True, slots=True)
 class Recipe:
-    """How the records of a dataset come about.
+    """How the records of a dataset are generated.
 
     Attributes
     ----------
     name
-        What `simulate dataset --recipe` takes.
+        The argument of `simulate dataset --recipe`.
     wheel
         Draws a wheel.
     scenario
-        Draws what happens to a wheel; gets its number, by which statuses alternate, and the windows of its life.
+        Draws a wheel's scenario, given its number, by which statuses alternate, and the windows of its life.
     windows
         Windows in the life of one wheel, which follow each other in time; each is a record of its own.
     """
@@ -136,7 +137,7 @@ def generate(recipe: str | Recipe, count: int, seed: int) -> Iterator[LabelledWi
     count
         Number of windows.
     seed
-        Of all randomness; not negative.
+        Seed of all randomness; not negative.
 
     Yields
     ------
@@ -146,7 +147,7 @@ def generate(recipe: str | Recipe, count: int, seed: int) -> Iterator[LabelledWi
     Raises
     ------
     InputError
-        If the recipe is unknown, or a number makes no sense.
+        If the recipe is unknown, or a number is negative.
     """
     if isinstance(recipe, str):
         if recipe not in RECIPES:
@@ -211,12 +212,12 @@ def scaled_wheel(wheel: Wheel, factor: float) -> Wheel:
 
 
 def _example_wheel(rng: Generator) -> Wheel:
-    """Examples 1 and 2 of the paper, with durations of this wheel's own."""
+    """Return a wheel with the systems of the paper's Examples 1 and 2, with a random rate of jumps."""
     return scaled_wheel(built_in_wheel(), 1.0 / rng.uniform(*PAPER_JUMP_RATE))
 
 
 def _hard_wheel(rng: Generator) -> Wheel:
-    """Three systems with small jumps and duration laws of three kinds."""
+    """Return a wheel of three systems with small jumps and various kinds of duration laws."""
     wheel = built_in_wheel()
     assert wheel.nominal is not None
     assert wheel.noise.friction_std_Nm is not None
@@ -243,7 +244,7 @@ def _hard_wheel(rng: Generator) -> Wheel:
 
 
 def _heated_wheel(rng: Generator) -> Wheel:
-    """The same with a lubricant, and a sensor beside the bearing."""
+    """Return an example wheel whose viscosity depends on the temperature, with a sensor that the bearing lags."""
     wheel = _example_wheel(rng)
     assert wheel.nominal is not None
     law = EffectBlock(
@@ -261,7 +262,7 @@ def _heated_wheel(rng: Generator) -> Wheel:
 
 
 def _base(rng: Generator) -> Base:
-    """Draw where a healthy wheel's friction lies beside its averages."""
+    """Draw a healthy wheel's friction as factors on its averages."""
     dry, viscous = np.clip(rng.standard_normal(2), -BASE_CUT, BASE_CUT)
     return Base(dry=1.0 + BASE_DRY_STD * dry, viscous=1.0 + BASE_VISCOUS_STD * viscous)
 
@@ -271,7 +272,7 @@ def _motion(kinds: tuple[ProfileKind, ...], rng: Generator) -> SpeedProfile:
 
 
 def _one_status(severities: Mapping[str, float], wheel: Wheel, number: int) -> dict[str, Anomaly]:
-    """Nominal and the anomalies in turn, so that every status is equally frequent."""
+    """Return no anomaly or one of them, in turn by number, so that every status is equally frequent."""
     status = (None, *wheel.anomalies)[number % (1 + len(wheel.anomalies))]
     return {} if status is None else {status: Anomaly(factor=severities[status])}
 
@@ -292,7 +293,7 @@ def _one_anomaly(severities: Mapping[str, float], **more: Any) -> DrawScenario:
 
 
 def _fleet(wheel: Wheel, number: int, windows: int, rng: Generator) -> Scenario:
-    """A long life, in which the anomaly begins early or late and grows to the end."""
+    """Return a long life in which the anomaly begins at a random time and grows to the end."""
     scenario = _one_anomaly(FLEET_SEVERITIES)(wheel, number, windows, rng)
     onset = scenario.duration_s * rng.uniform(*FLEET_ONSET)
     growing = {
@@ -303,7 +304,7 @@ def _fleet(wheel: Wheel, number: int, windows: int, rng: Generator) -> Scenario:
 
 
 def _hard(wheel: Wheel, number: int, windows: int, rng: Generator) -> Scenario:
-    """Any combination of anomalies, coloured noise, zero crossings, gaps."""
+    """Return any combination of anomalies, with autocorrelated noise, zero crossings and gaps."""
     del number
     active = rng.random(len(wheel.anomalies)) < HARD_ANOMALY_SHARE
     gaps = _gaps(wheel, windows, rng)
@@ -320,7 +321,7 @@ def _hard(wheel: Wheel, number: int, windows: int, rng: Generator) -> Scenario:
 
 
 def _orbit(wheel: Wheel, number: int, windows: int, rng: Generator) -> Scenario:
-    """The same as `mild`, on a wheel whose bearing warms and cools in an orbit and over the year."""
+    """Return a scenario as of `mild`, with a bearing that warms and cools over the orbit and the year."""
     mild = _one_anomaly(MILD_SEVERITIES)(wheel, number, windows, rng)
     mean_degC = Temperature().mean_degC + SEASON_K * rng.uniform(-1.0, 1.0)
     return mild.model_copy(update={"temperature": Temperature(mean_degC=mean_degC, swing_K=ORBIT_SWING_K)})
@@ -336,7 +337,7 @@ def _gaps(wheel: Wheel, windows: int, rng: Generator) -> tuple[Fault, ...]:
 
 
 def _flown(wheel: Wheel, number: int, windows: int, rng: Generator) -> Scenario:
-    """At most one anomaly of any size; noise, quanta, drift and gaps as measured, of each wheel its own."""
+    """Return at most one anomaly of random size, with noise, quanta, drift and gaps drawn for each wheel."""
     assert wheel.nominal is not None
     excess = {name: 1.0 + rng.uniform(*bounds) for name, bounds in FLOWN_EXCESS.items()}
     correlation_time_s = float(np.exp(rng.uniform(*np.log(FLOWN_CORRELATION_TIME_S))))
@@ -381,7 +382,7 @@ RECIPES: Final[Mapping[str, Recipe]] = {
 }
 
 
-# ---- what is written -------------------------------------------------------------------------------------------------
+# ---- output ----------------------------------------------------------------------------------------------------------
 
 
 def truth_document(window: LabelledWindow) -> dict[str, Any]:

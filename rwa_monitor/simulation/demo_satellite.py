@@ -1,14 +1,14 @@
 """The satellite of the demo: four simulated wheels; one begins to fail, one has an effect that its wheel file lacks.
 
-The monitor gets nothing of this but the samples; the rest is printed at the end, so that the user can compare.
+The monitor receives only the samples; the truth is printed at the end, so that the user can compare.
 
 The wheel with the effect, drawn by the seed, is exercised in passes. A pass is one window of the monitor and holds a
-whole "rich" manoeuvre (speeds in steps both ways, slow and fast crossings), for the search is given one window and must
-see in it what separates the effects. Between two passes no telemetry comes for `PAUSE_S`, in which the wheel goes on to
-the next manoeuvre.
+whole "rich" manoeuvre (speeds in steps both ways, slow and fast crossings), since the search is given one window, which
+must separate the effects. Between two passes there is no telemetry for `PAUSE_S`, in which the wheel moves to the start
+of the next manoeuvre.
 
-The effects are those that speed, acceleration and friction show within a pass. Not among them: what needs a temperature
-that the demo does not send, and what drifts over more than a pass. No record without a voltage separates
+The effects are those identifiable from speed, acceleration and friction within a pass. Left out are effects that need a
+temperature, which the demo does not send, and drifts over more than a pass. Without a voltage no record separates
 `inertia_error` from `torque_constant_error`; either name is right.
 """
 
@@ -26,8 +26,8 @@ from rwa_monitor.simulation.record import simulate
 from rwa_monitor.simulation.scenario import Anomaly, Scenario
 from rwa_monitor.wheel.wheel import EffectBlock, Wheel, Window, built_in_wheel
 
-# The built-in wheel, five times as lively, in windows a fifth as long: a window then holds as many jumps as one of the
-# paper's, and fills up while a person watches.
+# The built-in wheel, with jumps five times as frequent, in windows a fifth as long: a window then holds as many jumps
+# as one of the paper's, and is complete within seconds.
 QUICKER: Final = 5
 WINDOW_SECONDS: Final = 6.0  # wall-clock time in which a window fills
 WHEELS: Final = ("wheel_1", "wheel_2", "wheel_3", "wheel_4")
@@ -36,11 +36,11 @@ ANOMALY: Final = "viscous"
 FACTOR: Final = 1.25  # on the nominal viscous friction
 ONSET_SHARE: Final = 0.3  # of the run
 GROWTH_WINDOWS: Final = 0.5
-# What each wheel does, so that no two rows of the table look alike.
+# The motion of each wheel, in the order of WHEELS.
 PROFILES: Final = ("rich", "crossings", "rich", "orbit")
 PAUSE_S: Final = 60.0  # simulated time; twice as long as the wheel takes from rest to its nominal speed
-# Each leaves 1 to 2 σ of the noise (rms) beside sign, speed and levels in a pass; shapes are about the catalogue's
-# typical values, within the speeds (10 … 300 rad/s) and times (dwells and moves of 30 … 200 s) of a pass.
+# Each has a residual of 1 to 2 σ of the noise (rms) after the fit of levels and slope to a pass; shapes are about the
+# catalogue's typical values, within the speeds (10 … 300 rad/s) and times (dwells and moves of 30 … 200 s) of a pass.
 EFFECTS: Final = tuple(
     EffectBlock(name=name, parameters=parameters)
     for name, parameters in (
@@ -56,19 +56,19 @@ EFFECTS: Final = tuple(
 
 
 class Hidden(NamedTuple):
-    """A wheel with an effect that its wheel file lacks: name and parameters of the effect, and what the wheel sends."""
+    """A wheel with an effect that its wheel file lacks: name and parameters of the effect, and the wheel's samples."""
 
     effect: EffectBlock
     samples: Samples
 
 
 class Satellite(NamedTuple):
-    """What is published, and what is true.
+    """The published telemetry and the truth.
 
     Attributes
     ----------
     wheel
-        Constants of all four wheels: what the monitor gets.
+        Constants of all four wheels, as given to the monitor.
     telemetry
         Samples by bus key.
     speed
@@ -108,7 +108,7 @@ def simulate_satellite(spacecraft: str, duration_s: float, start_ns: int, seed: 
     start_ns
         Time of the first sample [ns].
     seed
-        Of all randomness.
+        Seed of all randomness.
     """
     wheel = demo_wheel()
     speed = wheel.window_s / WINDOW_SECONDS
@@ -147,7 +147,7 @@ def hide(wheel: Wheel, duration_s: float, start_ns: int, rng: Generator) -> Hidd
     rng
         Source of all randomness.
     """
-    drawing, passing = rng.spawn(2)  # a longer demo has more passes of the same wheel
+    drawing, passing = rng.spawn(2)  # separate streams, so that a longer demo only adds passes of the same wheel
     seeds = passing.integers(2**63, size=max(1, int(np.ceil(duration_s / wheel.window_s))))
     block = EFFECTS[drawing.integers(len(EFFECTS))]
     period_ns = round(wheel.window_s * NANOSECONDS_PER_SECOND)

@@ -1,8 +1,8 @@
-"""The wheel's motion as an attitude control system makes it: speed and its exact derivative.
+"""The wheel's motion as commanded by an attitude control system: speed and its exact derivative.
 
-A wheel stores the momentum that disturbances put into the spacecraft, so its speed swings with the orbit; slews add
+A wheel stores the momentum that disturbances put into the spacecraft, so its speed oscillates with the orbit; slews add
 accelerate–hold–brake moves; the control loop adds a small band-limited activity. Every part is an analytic function of
-time and brings its own derivative, so that torque and speed are consistent to rounding. All speeds are in units of the
+time with an analytic derivative, so that torque and speed are consistent to rounding. All speeds are in units of the
 wheel's nominal speed until the end, all randomness comes from the generator passed in.
 """
 
@@ -23,13 +23,13 @@ ProfileKind = Literal["orbit", "one_direction", "crossings", "rich", "constant",
 ORBIT_S: Final = 5400.0  # s, period of a low orbit (about 400 km)
 SLEW_S: Final = (60.0, 240.0)  # s, one move of a slew: an agile spacecraft turns in minutes
 ACTIVITY_PERIOD_S: Final = (20.0, 200.0)  # s, band of the attitude loop's activity: bandwidth 0.005–0.05 Hz
-ACTIVITY_TONES: Final = 8  # enough lines that the activity does not repeat within a record
-# With S(u) the integral of the acceleration, rounding the first and last fifth of a move keeps the jerk finite, as a
-# slew profile does.
+ACTIVITY_TONES: Final = 8  # sinusoids, enough that the activity does not repeat within a record
+# A smooth rise and fall of the acceleration over the first and last fifth of a move keeps the jerk finite, as a slew
+# profile does.
 ROUNDED: Final = 0.2  # share of a move over which the acceleration rises, and falls
 CURRENT_RESERVE: Final = 0.8  # share of the maximum current that a planned acceleration may take
 SPEED_RESERVE: Final = 0.97  # share of the maximum speed that a profile may reach
-ROUNDING: Final = 1.0e-12  # relative: what is left where sums that should cancel do
+ROUNDING: Final = 1.0e-12  # relative: largest residual of sums that cancel
 UNLIMITED_ACCELERATION_S: Final = 30.0  # s, from rest to the nominal speed, where no maximum current is known
 
 
@@ -104,7 +104,7 @@ def simulate_motion(profile: SpeedProfile, wheel: Wheel, slots: int, rng: Genera
     _PROFILES[profile.kind](plan, profile, rng)
     limit = wheel.limits.max_speed_rad_s
     plan.shrink_to(np.inf if limit is None else SPEED_RESERVE * limit / unit)
-    # Moves that add up to nothing leave rounding errors; a wheel at rest has no direction.
+    # Moves that add up to zero leave rounding errors; a wheel at rest has no direction.
     plan.speed[np.abs(plan.speed) < ROUNDING] = 0.0
     return Motion(plan.speed * unit, plan.acceleration * unit)
 
@@ -130,7 +130,7 @@ def wheel_angle(speed_rad_s: FloatArray, period_s: float) -> FloatArray:
 
 
 def largest_acceleration(wheel: Wheel) -> float:
-    """Return the acceleration that a planned move may use [rad/s²]: what the maximum current leaves after friction."""
+    """Return the largest acceleration of a planned move [rad/s²], from the torque at maximum current less friction."""
     assert wheel.nominal is not None
     unit = wheel.nominal.nominal_speed_rad_s
     if wheel.limits.max_current_A is None or wheel.torque_per_ampere_Nm_A is None or wheel.inertia_kg_m2 is None:
@@ -146,7 +146,7 @@ def largest_acceleration(wheel: Wheel) -> float:
 
 
 class _Plan:
-    """A motion in the making: parts are added to speed and acceleration, in units of the nominal speed."""
+    """A motion to which parts are added: speed and acceleration, in units of the nominal speed."""
 
     def __init__(self, time: FloatArray, fastest: float) -> None:
         self.time = time
@@ -156,14 +156,14 @@ class _Plan:
         self.acceleration = np.zeros(time.size)
 
     def add_tone(self, amplitude: float, period_s: float, phase: float) -> None:
-        """Add amplitude·sin(2πt/period + phase), slowed down where it would ask for too much acceleration."""
+        """Add amplitude·sin(2πt/period + phase), with a longer period where it would need too much acceleration."""
         rate = 2.0 * np.pi / max(period_s, 4.0 * np.pi * abs(amplitude) / self.fastest)
         angle = rate * self.time + phase
         self.speed += amplitude * np.sin(angle)
         self.acceleration += amplitude * rate * np.cos(angle)
 
     def add_move(self, change: float, start_s: float, duration_s: float) -> None:
-        """Change the speed by `change` from `start_s` on, with a rounded trapezoid of acceleration."""
+        """Change the speed by `change` from `start_s` on, by a trapezoid of acceleration with smooth flanks."""
         duration = max(duration_s, abs(change) / (self.fastest * (1.0 - ROUNDED)))
         period = float(self.time[1]) if self.time.size > 1 else 1.0
         first, last = (int(np.clip(np.ceil(at / period), 0, self.time.size)) for at in (start_s, start_s + duration))
@@ -182,7 +182,7 @@ class _Plan:
             self.add_tone(amplitude, np.exp(rng.uniform(*np.log(ACTIVITY_PERIOD_S))), rng.uniform(0, 2 * np.pi))
 
     def shrink_to(self, limit: float) -> None:
-        """Scale the whole motion down where its speed is above `limit`, or its parts together accelerate too fast."""
+        """Scale the whole motion down if its speed exceeds `limit`, or the sum of its parts accelerates too fast."""
         excess = max(
             1.0,
             float(np.max(np.abs(self.speed), initial=0.0)) / limit,
@@ -207,24 +207,24 @@ def _rounded_trapezoid(share: FloatArray) -> tuple[FloatArray, FloatArray]:
 
 
 def _orbit(plan: _Plan, profile: SpeedProfile, rng: Generator) -> None:
-    """Momentum swings through zero every half orbit; harmonics from gravity gradient and drag; slews on top."""
+    """Add a momentum that crosses zero every half orbit, with harmonics of gravity gradient and drag, and slews."""
     swing = profile.scale * rng.uniform(0.55, 0.85)
     plan.speed += swing * rng.uniform(-0.3, 0.3)
     _add_orbits(plan, profile, rng, swing, (0.03, 0.12), 0.15)
 
 
 def _one_direction(plan: _Plan, profile: SpeedProfile, rng: Generator) -> None:
-    """As in orbit, but biased so far that the wheel never comes near zero: the usual way to run a wheel."""
+    """Add the motion of an orbit with a bias that keeps the wheel away from zero: the usual way to run a wheel."""
     direction = _direction(profile, rng)
     swing = profile.scale * rng.uniform(0.15, 0.25)
     _add_orbits(plan, profile, rng, swing, (0.05, 0.15), 0.1)
-    # The bias puts the slowest moment of this record at a fifth to a third of the scale, whatever was drawn above.
+    # The bias sets the lowest speed of this record to a fifth to a third of the scale, whatever was drawn above.
     slowest = profile.scale * rng.uniform(0.2, 0.33)
     plan.speed += direction * slowest - direction * float(np.min(direction * plan.speed))
 
 
 def _crossings(plan: _Plan, profile: SpeedProfile, rng: Generator) -> None:
-    """A plain swing about zero, one to two times in the record: two to five simple crossings."""
+    """Add an oscillation about zero of 1.2 to 2.2 periods in the record: two to five simple crossings."""
     swing = profile.scale * rng.uniform(0.6, 0.9)
     plan.speed += swing * rng.uniform(-0.2, 0.2)
     plan.add_tone(swing, max(plan.duration, 1e-9) / rng.uniform(1.2, 2.2), rng.uniform(0, 2 * np.pi))
@@ -232,10 +232,10 @@ def _crossings(plan: _Plan, profile: SpeedProfile, rng: Generator) -> None:
 
 
 def _rich(plan: _Plan, profile: SpeedProfile, rng: Generator) -> None:
-    """Moves through a sequence of speeds in both directions, some slow and some fast, each followed by a dwell.
+    """Add moves through a sequence of speeds in both directions, some slow and some fast, each followed by a dwell.
 
-    The sequence holds the low speeds where boundary lubrication lives (1–10 % of nominal), so that dwells and slow
-    crossings show what a record in one direction hides.
+    The sequence includes the low speeds of boundary lubrication (1–10 % of nominal), so that dwells and slow crossings
+    make effects identifiable that are not in a record of one direction.
     """
     levels = np.array([0.01, 0.03, 0.07, 0.15, 0.3, 0.5, 0.75, 1.0])
     targets = rng.permutation(np.concatenate([levels, -levels, [0.6, -0.6, 0.02, -0.02]])) * profile.scale
@@ -259,7 +259,7 @@ def _constant(plan: _Plan, profile: SpeedProfile, rng: Generator) -> None:
 
 
 def _from_rest(plan: _Plan, profile: SpeedProfile, rng: Generator) -> None:
-    """At rest for a twentieth of the record, up, a dwell, down to rest. The loop is open at rest: no activity."""
+    """Rest for a twentieth of the record, accelerate, dwell, brake to rest. The loop is open at rest: no activity."""
     speed = _direction(profile, rng) * profile.scale
     plan.add_move(speed, 0.05 * plan.duration, plan.duration * rng.uniform(0.25, 0.35))
     plan.add_move(-speed, 0.6 * plan.duration, plan.duration * rng.uniform(0.25, 0.35))
@@ -273,9 +273,9 @@ def _add_orbits(
     share: tuple[float, float],
     largest_slew: float,
 ) -> None:
-    """Add what an orbit does to the speed, slews and the attitude loop's activity.
+    """Add the orbital momentum, slews and the attitude loop's activity.
 
-    A tone of size `swing`, harmonics in the given range of shares of it, and accelerate–hold–brake moves at random
+    A tone of amplitude `swing`, harmonics in the given range of shares of it, and accelerate–hold–brake moves at random
     times in both directions, up to a share of the profile's scale.
     """
     plan.add_tone(swing, ORBIT_S, rng.uniform(0, 2 * np.pi))

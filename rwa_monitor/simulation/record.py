@@ -1,8 +1,8 @@
-"""One simulated record: true motion, true friction, what the sensors measure, and the whole truth beside it.
+"""One simulated record: true motion, true friction, the sensors' readings, and the ground truth.
 
-Order of events, as in the wheel: motion → temperature → switching systems → dry and viscous friction → effects →
-noise → motor torque, current and voltage that the motion then needs → sensors → faults. Every channel follows from
-the same friction, so that K_T·I − J·dω/dt gives it back.
+Order of the simulation, as in the wheel: motion → temperature → switching systems → dry and viscous friction → effects
+→ noise → motor torque, current and voltage that this motion needs → sensors → faults. Every channel follows from the
+same friction, so that K_T·I − J·dω/dt equals it.
 """
 
 import math
@@ -26,9 +26,9 @@ from rwa_monitor.wheel.effects.switching_base import Jumps, SwitchingEffect
 from rwa_monitor.wheel.switching_systems import Realisation, simulate_system
 from rwa_monitor.wheel.wheel import Wheel
 
-# A jump counts as visible when an oracle, given its place, its neighbours and the slope, finds it at six standard
-# deviations: λ = (Δ/σ)²·n₁n₂/(n₁+n₂) ≥ 6². A search over 80,000 slots and seven scales (5.6e5 contrasts) that promises
-# at most 0.01 false ones a window needs a threshold of 5.6 σ; below six, no method that keeps the promise can be
+# A jump counts as visible when an oracle that knows its slot, its neighbours and the slope detects it at six standard
+# deviations: λ = (Δ/σ)²·n₁n₂/(n₁+n₂) ≥ 6². A search over 80,000 slots and seven scales (5.6e5 contrasts) with at most
+# 0.01 false jumps per window needs a threshold of 5.6 σ; below six, no method with that false-alarm rate can be
 # expected to find the jump.
 VISIBLE_INFORMATION: Final = 36.0
 
@@ -65,7 +65,7 @@ class Changepoints:
 
 @dataclass(frozen=True, slots=True)
 class Truth:
-    """All that is true of a record of n slots. Slots, not rows: a gap removes rows of the table only.
+    """The ground truth of a record of n slots. Slots, not rows: a gap removes rows of the table only.
 
     Attributes
     ----------
@@ -76,7 +76,7 @@ class Truth:
     noise_Nm
         float64 (n,), noise of the friction torque.
     motor_torque_Nm
-        float64 (n,) what the motor gives, noise included; None for a wheel without inertia.
+        float64 (n,), torque of the motor, noise included; None for a wheel without inertia.
     base_dry_Nm, viscous_Nm_s_rad
         float64 (n,), base dry friction (all systems at rest) and viscous coefficient, anomalies included.
     configuration, fss_friction_Nm
@@ -119,7 +119,7 @@ class Truth:
 
 @dataclass(frozen=True, slots=True)
 class Telemetry:
-    """A simulated record: what the monitor gets, and what is true."""
+    """A simulated record: the monitor's input, and the ground truth."""
 
     samples: Samples
     truth: Truth
@@ -128,7 +128,7 @@ class Telemetry:
 def true_changepoints(
     systems: list[Realisation], used: BoolArray, torque_unit_Nm: float, long_run_std_Nm: float
 ) -> Changepoints:
-    """Collect the jumps of all systems and report which of them can be seen."""
+    """Collect the jumps of all systems, with the information in each and whether it is visible."""
     jumps = sorted(
         (slot, number, torque_unit_Nm * jump)
         for number, system in enumerate(systems)
@@ -141,7 +141,7 @@ def true_changepoints(
 def with_information(
     index: IntArray, system: IntArray, jump_Nm: FloatArray, used: BoolArray, long_run_std_Nm: float
 ) -> Changepoints:
-    """Return the jumps, sorted by slot, with what an oracle finds of each; `used` has the length of the record."""
+    """Return the jumps, sorted by slot, with an oracle's information on each; `used` has the length of the record."""
     real = jump_Nm != 0.0
     places, times = np.unique(index[real], return_counts=True)
     used_before = np.concatenate([[0], np.cumsum(used)])
@@ -151,7 +151,7 @@ def with_information(
 
     at = np.searchsorted(places, index[real])
     information = np.zeros(index.size)
-    with np.errstate(divide="ignore", invalid="ignore"):  # without noise, every jump with a sample on each side shows
+    with np.errstate(divide="ignore", invalid="ignore"):  # without noise, each jump between samples is visible
         ratio = np.square(jump_Nm[real] / long_run_std_Nm)
         information[real] = np.where(samples[at] > 0.0, samples[at] * ratio, 0.0)
     alone = np.zeros(index.size, dtype=np.bool_)
@@ -160,9 +160,9 @@ def with_information(
 
 
 def cut(telemetry: Telemetry, start: int, stop: int, wheel: Wheel) -> Telemetry:
-    """Return the slots [start, stop) of a record as a record of its own, with what can be seen of its jumps there.
+    """Return the slots [start, stop) of a record as a record, with the information and visibility of its jumps in it.
 
-    Labels and factors are kept as they are: the caller decides what the piece is meant to show.
+    Labels and factors are kept as they are: the caller sets those of the piece.
     """
     truth = telemetry.truth
 
@@ -197,15 +197,15 @@ QUANTUM_STD: Final = 12.0**-0.5  # of the rounding error, in steps: uniform over
 def simulate(scenario: Scenario, wheel: Wheel, rng: Generator) -> Telemetry:
     """Simulate one record of a wheel.
 
-    Each part draws from a stream of its own, so that a change in one (another noise, one fault more) leaves the others
-    as they were; the same generator state gives the same bytes.
+    Each part draws from a random stream of its own, so that a change in one (another noise, one fault more) leaves the
+    others unchanged; the same generator state gives the same bytes.
 
     Parameters
     ----------
     scenario
-        What happens.
+        Motion, anomalies, noise, sensors and faults.
     wheel
-        Whose constants, nominal friction, switching systems and effects apply.
+        Its constants, nominal friction, switching systems and effects apply.
     rng
         Source of all randomness.
 
@@ -217,7 +217,7 @@ def simulate(scenario: Scenario, wheel: Wheel, rng: Generator) -> Telemetry:
     Raises
     ------
     InputError
-        If the scenario asks for what the wheel lacks.
+        If the scenario needs a constant or system that the wheel lacks.
     """
     scenario.check(wheel)
     slots = scenario.slots(wheel)
@@ -225,7 +225,7 @@ def simulate(scenario: Scenario, wheel: Wheel, rng: Generator) -> Telemetry:
     motion = simulate_motion(scenario.speed, wheel, slots, streams.motion)
     parts = _friction_parts(scenario, wheel, motion, streams)
     noise = _friction_noise(scenario, wheel, parts, streams)
-    torque = parts.friction + noise.values  # y: what an exact sensor would make of speed and current
+    torque = parts.friction + noise.values  # y: the friction that exact sensors of speed and current give
     motor = _motor_torque(wheel, torque, motion)
     samples = _measure(scenario, wheel, parts, torque, motor, streams.sensors)
     samples, faulty, missing = _apply_faults(scenario, wheel, samples, streams.faults)
@@ -270,7 +270,7 @@ class _Streams(NamedTuple):
 
 
 class _Parts(NamedTuple):
-    """The friction and what it is made of; arrays (n,) as in Truth, `channels` as the effects see the wheel."""
+    """The friction and its components; arrays (n,) as in Truth, `channels` is the input of the effects."""
 
     channels: Channels
     temperature: FloatArray
@@ -289,7 +289,7 @@ class _Noise(NamedTuple):
 
 
 def _friction_parts(scenario: Scenario, wheel: Wheel, motion: Motion, streams: _Streams) -> _Parts:
-    """Put the friction together: base dry and viscous friction, switching systems, effects."""
+    """Return the sum of base dry and viscous friction, switching systems and effects, with its components."""
     assert wheel.nominal is not None
     slots = motion.speed_rad_s.size
     time = np.arange(slots, dtype=np.float64) * wheel.sample_period_s
@@ -298,7 +298,7 @@ def _friction_parts(scenario: Scenario, wheel: Wheel, motion: Motion, streams: _
     dry = wheel.nominal.dry_torque_Nm * scenario.base.dry * scenario.factor_at("dry", time)
     dry += wheel.nominal.dry_torque_Nm * _drift(scenario, wheel, slots, streams.drift)
     viscous = wheel.nominal.viscous_Nm_s_rad * scenario.base.viscous * scenario.factor_at("viscous", time)
-    # Heat of the base friction only: a switching system that runs by temperature must not set the temperature.
+    # Heat of the base friction only: switching systems may depend on the temperature, so it must not depend on them.
     power = np.abs(speed) * (dry + viscous * np.abs(speed))
     temperature = bearing_temperature(time, power, streams.temperature, scenario.temperature)
     channels = Channels(
@@ -345,7 +345,7 @@ def _drift(scenario: Scenario, wheel: Wheel, slots: int, rng: Generator) -> Floa
 def _systems(
     scenario: Scenario, wheel: Wheel, channels: Channels, effects: list[SwitchingEffect], streams: _Streams
 ) -> dict[str, Realisation]:
-    """Simulate the wheel's switching systems as the switching effects change them, and what effects add to them."""
+    """Simulate the wheel's switching systems as changed by the switching effects, and the levels that effects add."""
     clock = next((clock for effect in effects if (clock := effect.clock(channels)) is not None), None)
     slots = len(channels) if clock is None else clock.slots
     systems: dict[str, Realisation] = {}
@@ -363,14 +363,14 @@ def _systems(
         level = effect.extra_level(channels, stream)
         jump_index = (np.flatnonzero(np.diff(level)) + 1).astype(np.int64)
         if level.any():
-            # A level that rests at zero: configuration 1 wherever it does not.
+            # A level whose rest is zero: configuration 1 where it is not zero.
             configuration = (level != 0.0).astype(np.int64)
             systems[effect.name] = Realisation(configuration, level / wheel.torque_unit_Nm, jump_index)
     return systems
 
 
 def _jumps_of(systems: dict[str, Realisation], torque_unit_Nm: float) -> Jumps:
-    """Return the jumps of the level, those on one slot as one."""
+    """Return the jumps of the level, with those on the same slot added up."""
     index = np.unique(np.concatenate([np.zeros(0, dtype=np.int64), *(s.jump_index for s in systems.values())]))
     size = np.zeros(index.size)
     for system in systems.values():
@@ -379,7 +379,7 @@ def _jumps_of(systems: dict[str, Realisation], torque_unit_Nm: float) -> Jumps:
 
 
 def _motor_torque(wheel: Wheel, friction: FloatArray, motion: Motion) -> FloatArray | None:
-    """Return the motor torque that motion and friction ask for, or None for a wheel without inertia."""
+    """Return the motor torque that motion and friction require, or None for a wheel without inertia."""
     if wheel.inertia_kg_m2 is None:
         return None
     return wheel.inertia_kg_m2 * motion.acceleration_rad_s2 + friction
@@ -388,13 +388,18 @@ def _motor_torque(wheel: Wheel, friction: FloatArray, motion: Motion) -> FloatAr
 def couple(
     effects: list[MeanEffect], channels: Channels, viscous_share: FloatArray | float = 1.0
 ) -> dict[str, FloatArray]:
-    """Return the torque of every mean effect, together with the motor torque that they themselves ask for.
+    """Return the torque of every mean effect, by name, consistent with the motor torque that they themselves require.
 
     Friction that depends on the motor torque (a load, a wrong torque constant) changes the motor torque in turn. The
-    loop friction → motor torque → friction is a contraction, since no effect hands on more of the motor torque than a
-    part of it; it is repeated until nothing changes. The rate of the motor torque is that of the motion without
-    effects: a delayed current does not delay itself again. What is a share of the viscous friction has that of the
-    nominal one, and grows with it by `viscous_share`, float64 (n,) or a number.
+    loop friction → motor torque → friction is a contraction as long as the effects return less than the whole motor
+    torque; it is repeated to convergence. The rate of the motor torque is that without effects: a delayed current is
+    not delayed twice. An effect that is a share of the viscous friction is computed for the nominal one and multiplied
+    by `viscous_share`, float64 (n,) or a number.
+
+    Raises
+    ------
+    InputError
+        If the loop does not converge.
     """
     plain = channels.motor_torque_Nm
     if plain is not None:
@@ -425,8 +430,8 @@ def couple(
 def _friction_noise(scenario: Scenario, wheel: Wheel, parts: _Parts, streams: _Streams) -> _Noise:
     """Draw the noise of the friction torque.
 
-    Where friction is given, the wheel's noise stands for all that its estimate suffers from. Where it is not, speed and
-    current bring their own noise, and the friction itself has some only if the scenario, or a noise effect, states it.
+    Where friction is given, the wheel's noise includes all errors of its estimate. Where it is not, speed and current
+    have their own noise, and the friction itself has noise only if the scenario states it, or has a noise effect.
     """
     shaping = [effect for effect in _acting(scenario, parts.effects) if isinstance(effect, NoiseEffect)]
     std = scenario.noise.std_Nm
@@ -454,14 +459,14 @@ def _friction_noise(scenario: Scenario, wheel: Wheel, parts: _Parts, streams: _S
 def _acting(scenario: Scenario, effects: Sequence[Effect]) -> list[Effect]:
     """Return the effects that change friction or its noise.
 
-    A tachometer's change only what is worked out with its speed: a friction that is given, not the current from which
-    friction is still to be derived.
+    Effects of the tachometer change only a friction that was computed with its speed and is given, not the current
+    from which friction is yet to be derived.
     """
     return [effect for effect in effects if scenario.friction_given or not effect.is_of_tachometer]
 
 
 def _read_speed(effects: Sequence[Effect], true: FloatArray, measured: FloatArray) -> FloatArray:
-    """Return the speed that is read [rad/s], float64 (n,); the steps of a tachometer replace its usual noise."""
+    """Return the tachometer's reading [rad/s], float64 (n,); where it is quantised, that replaces the usual noise."""
     of_tachometer = [effect for effect in effects if effect.is_of_tachometer]
     for effect in sorted(of_tachometer, key=lambda effect: not isinstance(effect, NoiseEffect)):
         measured = effect.read_speed(true if isinstance(effect, NoiseEffect) else measured)
@@ -479,9 +484,9 @@ def _long_run_std(noise: FloatArray) -> float:
 def _measure(
     scenario: Scenario, wheel: Wheel, parts: _Parts, torque: FloatArray, motor: FloatArray | None, rng: Generator
 ) -> Samples:
-    """Return what the sensors measure, one row for each slot."""
+    """Return the sensors' readings, one row for each slot."""
     sensors = scenario.sensors.for_wheel(wheel)
-    # A stream for each channel: leaving one out changes none of the others.
+    # A random stream for each channel: leaving one out changes none of the others.
     speed_rng, current_rng, voltage_rng, temperature_rng = rng.spawn(4)
     true = parts.channels.speed_rad_s
     speed = measure(true, sensors["speed_noise_rad_s"], sensors["speed_quantum_rad_s"], speed_rng)
@@ -519,7 +524,7 @@ def measure(true: FloatArray, noise_std: float, quantum: float, rng: Generator) 
 
 
 def quantised(values: FloatArray, quantum: float) -> FloatArray:
-    """Return values rounded to a quantum; as they are where it is zero."""
+    """Return values rounded to multiples of a quantum; unchanged where it is zero."""
     return quantum * np.rint(values / quantum) if quantum > 0.0 else values
 
 
@@ -535,9 +540,9 @@ def bearing_temperature(
     friction_power_W
         Friction torque times speed [W], float64 (n,).
     rng
-        Source of all randomness: base temperature, size and phase of the swing.
+        Source of all randomness: mean temperature, amplitude and phase of the swing.
     given
-        Mean and swing where the scenario states them.
+        Mean and amplitude where the scenario states them.
     """
     base = rng.uniform(15.0, 25.0)  # °C, usual for a wheel inside the spacecraft
     swing = 0.5 * rng.uniform(*ORBITAL_SWING_K)
@@ -548,7 +553,7 @@ def bearing_temperature(
     housing: FloatArray = base + swing * np.sin(rate * time_s + rng.uniform(0, 2 * np.pi) - lag)
     from scipy import signal
 
-    # Exact step of the first-order lag for a power constant over a slot; the record begins in thermal balance.
+    # Exact step of the first-order lag for a power constant over a slot; the record begins in equilibrium.
     stay = float(np.exp(-(time_s[1] - time_s[0]) / ROTOR_TIME_CONSTANT_S))
     target = DISSIPATION_K_W * friction_power_W
     warm, _ = signal.lfilter([1.0 - stay], [1.0, -stay], target, zi=[stay * float(np.mean(target))])
@@ -576,7 +581,7 @@ def _apply_faults(
 
 
 def _used(scenario: Scenario, wheel: Wheel, samples: Samples, faulty: BoolArray) -> BoolArray:
-    """Return bool (n,), the slots from which a diagnosis can learn."""
+    """Return bool (n,), the slots that a diagnosis can use."""
     if (dead_band := wheel.window.dead_band_rad_s) is None:
         dead_band = SPEED_NOISES * scenario.sensors.for_wheel(wheel)["speed_noise_rad_s"]
     speed = np.where(faulty, np.nan, samples.speed_rad_s)

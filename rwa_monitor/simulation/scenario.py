@@ -1,4 +1,4 @@
-"""A scenario: what happens to a simulated wheel. Read from TOML like the wheel; the wheel file is of the wheel itself.
+"""A scenario: motion, anomalies, sensors and faults of a simulated wheel, read from TOML as the wheel's constants are.
 
 ```toml
 [scenario]
@@ -44,7 +44,7 @@ MAX_SLOTS: Final = 100_000_000  # of one simulated record: 10 GB of channels and
 SPEED_NOISE: Final = 0.01 / 300.0  # of the nominal speed: 0.01 rad/s at 300 rad/s (errata 17)
 SPEED_QUANTUM: Final = 0.005 / 300.0  # of the nominal speed: 24-bit period counter, well below its noise
 CURRENT_NOISE: Final = 2.0e-5  # of the maximum current: 0.1 mA at 5 A
-CURRENT_QUANTUM: Final = 2.0**-15  # of the maximum current: 16-bit converter over ± the maximum
+CURRENT_QUANTUM: Final = 2.0**-15  # of the maximum current: 16-bit converter over ± that current
 
 
 class Sensors(Strict):
@@ -59,7 +59,7 @@ class Sensors(Strict):
     temperature_noise_K: NoNegative = 0.02  # a thermistor with averaging
 
     def for_wheel(self, wheel: Wheel) -> dict[str, float]:
-        """Return all values by name, where one is None what is usual for this wheel, or the built-in one."""
+        """Return all values by name; in place of None the usual value for this wheel, or for the built-in one."""
         speed = wheel.speed_unit_rad_s
         current = wheel.limits.max_current_A or built_in_wheel().limits.max_current_A
         assert current is not None
@@ -93,7 +93,7 @@ class FrictionNoise(Strict):
     degrees_of_freedom: Annotated[float, Field(gt=2)] = 4.0
 
     def draw(self, std_Nm: float, slots: int, rng: Generator) -> FloatArray:
-        """Return float64 (slots,), noise of standard deviation `std_Nm`, begun in its stationary law [N m]."""
+        """Return float64 (slots,), noise of standard deviation `std_Nm`, started in its stationary law [N m]."""
         if self.law == "student_t":
             nu = self.degrees_of_freedom
             heavy: FloatArray = std_Nm * np.sqrt((nu - 2.0) / nu) * rng.standard_t(nu, size=slots)
@@ -102,7 +102,7 @@ class FrictionNoise(Strict):
         return autoregress(white, self.ar_coefficient) if self.law == "ar1" else white
 
     def long_run_std(self, std_Nm: float) -> float:
-        """Return the standard deviation of a long mean times the root of its length [N m]: jumps stand against it."""
+        """Return the standard deviation of a long mean times the root of its length [N m], the noise of jump sizes."""
         if self.law == "ar1":
             return float(std_Nm * np.sqrt((1.0 + self.ar_coefficient) / (1.0 - self.ar_coefficient)))
         return std_Nm
@@ -260,7 +260,7 @@ class Scenario(TomlFile):
         return count
 
     def check(self, wheel: Wheel) -> None:
-        """Raise InputError, naming the key, where this scenario asks for what the wheel does not have."""
+        """Raise InputError, naming the key, where this scenario needs a constant or system that the wheel lacks."""
         for name in self.anomalies:
             if name not in wheel.anomalies:
                 raise InputError("scenario", f"this wheel has {', '.join(wheel.anomalies)}", f"anomalies.{name}")
