@@ -1,24 +1,24 @@
-"""Duration laws learned from few sojourns: what the next one may last, not the one law that fits the last ones best.
+"""Duration laws learned from few sojourns: the predictive law of the next sojourn, not the single best-fitting law.
 
-The ends of a uniform law fitted to nine sojourns miss the true ones by a tenth of their distance, and one sojourn in
-five of the future lies outside the nine. A law that calls these impossible makes a diagnosis certain of a wrong
-switching path. So what is written is the predictive law: the posterior mean over all laws of four families that the
-sojourns do not rule out, each by its probability (Bayesian model averaging).
+The ends of a uniform law fitted to nine sojourns miss the true ones by a tenth of their distance, and one future
+sojourn in five lies outside the range of the nine. A law that gives these no probability makes a diagnosis certain of
+a wrong switching path. So the predictive law is written: the posterior mean over all laws of four families, weighted by
+their probabilities (Bayesian model averaging).
 
-Four families stand beside each other: uniform, geometric, log-normal, Weibull. All have a scale, whose logarithm is
-flat a priori, and all but the geometric a shape with a proper prior, so that their evidences compare (the scale's prior
-is the same in all). Configurations of one system may share a law: each way to divide them into groups of one law each
-is weighed by the evidence, too. So a configuration seen three times borrows from others as far as these are like it,
-and not where they are not.
+The four families are uniform, geometric, log-normal and Weibull. All have a scale, whose logarithm is flat a priori,
+and all but the geometric a shape with a proper prior, so that their evidences are comparable (the scale's prior is the
+same in all). Configurations of one system may share a law: each partition of them into groups with one law each is
+weighted by its evidence, too. So a configuration seen three times borrows strength from others as far as their
+durations are similar.
 
 Records cut sojourns (errata 9). With S(e) = P(τ ≥ e), μ the mean and N the length of a record, the likelihoods are
 
 - begun and ended in the record, τ slots:    P(τ)
 - begun, cut by the end after e slots:       S(e)
-- there at the begin, ended after e slots:   S(e) / μ
-- there throughout:                          Σ_{r ≥ N} S(r) / μ
+- active at the start, ended after e slots:  S(e) / μ
+- active throughout:                         Σ_{r ≥ N} S(r) / μ
 
-Leaving the cut ones out would learn too short durations: the longest are cut the most often.
+Leaving out the cut ones would bias the durations downwards: the longest are cut most often.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -36,15 +36,15 @@ from rwa_monitor.wheel.effects.switching_base import STRAY_SHARE
 from rwa_monitor.wheel.file_content import rounded
 
 NODES: Final = 41  # of each parameter over its posterior
-REACH: Final = (-6.0, 10.0)  # standard errors over which a scale is integrated; sojourns that were cut only lengthen it
-SHAPES: Final = (0.5, 20.0)  # of a Weibull law: from what comes in bursts to what is nearly a clock
+REACH: Final = (-6.0, 10.0)  # standard errors over which a scale is integrated; cut sojourns only lengthen it
+SHAPES: Final = (0.5, 20.0)  # of a Weibull law: from bursts to almost periodic
 SCALES: Final = float(np.log(1e6))  # width of the prior of a scale's logarithm: from a slot to a day and a half at 8 Hz
-BEYOND: Final = 60  # points at which the tail of a sojourn that outlasts a record is added up
-POINTS: Final = 1000  # at which the law's survival function is known before it is written
-NEGLIGIBLE: Final = 1e-7  # probability of one law of thousands: invisible in what is written
-FARTHEST: Final = 100.0  # times the longest sojourn seen: what a law may reach
-# P(τ ≥ e) at the edges of what is written; between them a histogram is straight, and what is left outside is less than
-# the share of the broad law that a diagnosis mixes in.
+BEYOND: Final = 60  # points of the integral over the tail of a sojourn that outlasts a record
+POINTS: Final = 1000  # at which the survival function is computed before it is reduced to a histogram
+NEGLIGIBLE: Final = 1e-7  # probability of one law of thousands, below which it is left out
+FARTHEST: Final = 100.0  # times the longest sojourn seen: largest duration of a law
+# P(τ ≥ e) at the edges of the histogram; between them it is linear, and the probability outside is less than the share
+# of the broad law that a diagnosis mixes in.
 EDGES: Final = (
     *(0.9995, 0.998, 0.99, 0.97, 0.93, 0.85, 0.75, 0.65, 0.5),
     *(0.35, 0.25, 0.15, 0.07, 0.03, 0.01, 0.002, 0.0005),
@@ -52,16 +52,16 @@ EDGES: Final = (
 
 
 class LearnedLaw(NamedTuple):
-    """What is known of a configuration's durations.
+    """The learned durations of a configuration.
 
     Attributes
     ----------
     law
-        Of the next sojourn.
+        Predictive law of the next sojourn.
     family, share
-        The likeliest family, and its probability.
+        The most probable family, and its probability.
     mean, error
-        Mean duration [slots] and what is uncertain of it, as a share of it.
+        Mean duration [slots] and its relative standard error.
     """
 
     law: Histogram
@@ -74,7 +74,7 @@ class LearnedLaw(NamedTuple):
 class _Nodes(NamedTuple):
     """A family at nodes over its parameters: laws whose parameters are arrays (nodes, 1), log weights, means (nodes,).
 
-    The weights are the prior's mass at each node.
+    The weights are the prior mass of each node.
     """
 
     laws: Any
@@ -83,7 +83,7 @@ class _Nodes(NamedTuple):
 
 
 class _Group(NamedTuple):
-    """Configurations of one law: the log evidence, and the posterior over the nodes of all families."""
+    """Configurations that share one law: the log evidence, and the posterior over the nodes of all families."""
 
     log_evidence: float
     families: tuple[_Nodes, ...]
@@ -127,7 +127,7 @@ def learn_laws(sojourns: Sequence[Sequence[Sojourn]]) -> list[LearnedLaw]:
 
 
 def _partitions(items: tuple[int, ...]) -> Iterator[tuple[tuple[int, ...], ...]]:
-    """Yield all ways to divide items into groups."""
+    """Yield all partitions of items into groups."""
     if not items:
         yield ()
         return
@@ -142,7 +142,7 @@ def _partitions(items: tuple[int, ...]) -> Iterator[tuple[tuple[int, ...], ...]]
 
 
 def _learn(sojourns: Sequence[Sojourn]) -> _Group:
-    """Weigh all laws by what was seen."""
+    """Return the posterior of all laws given sojourns."""
     slots = np.array([one.slots for one in sojourns], dtype=np.float64)
     began, ended = np.array([(one.began, one.ended) for one in sojourns]).T
     whole = began & ended
@@ -161,9 +161,9 @@ def _learn(sojourns: Sequence[Sojourn]) -> _Group:
 def _log_likelihood(
     nodes: _Nodes, whole: FloatArray, begun: FloatArray, found: FloatArray, throughout: FloatArray
 ) -> FloatArray:
-    """Return the log-likelihood at each node, float64 (nodes,), of sojourns by what the records cut of them.
+    """Return the log-likelihood at each node, float64 (nodes,), of sojourns, whole or censored by the records.
 
-    `whole` from begin to end; `begun`, cut by the end of the record; `found` there when it began; `throughout` both.
+    `whole` from begin to end; `begun`, cut by the record's end; `found`, cut by its start; `throughout`, cut by both.
     """
     log_mean = np.log(nodes.mean)
     with np.errstate(divide="ignore"):
@@ -179,9 +179,9 @@ def _log_likelihood(
 
 
 def _laws_at(family: type[BaseModel], **parameters: Any) -> Any:
-    """Return all laws of a family at once: one whose parameters are arrays, (nodes, 1); unchecked, a law has numbers.
+    """Return many laws of a family as one object whose parameters are arrays (nodes, 1), without validation.
 
-    Its functions take slots (m,) and return (nodes, m): they are elementwise.
+    Its functions are elementwise: they take slots (m,) and return (nodes, m).
     """
     return family.model_construct(**{name: values[:, None] for name, values in parameters.items()})
 
@@ -194,7 +194,7 @@ def _geometric(typical: FloatArray, slots: FloatArray) -> _Nodes:
 
 
 def _uniform(typical: FloatArray, slots: FloatArray) -> _Nodes:
-    """Nodes beyond the ends of the sample, spaced as the posterior of n sojourns falls off: by a power of n."""
+    """Return nodes beyond the ends of the sample, spaced as the posterior of the ends falls off with distance."""
     power = max(0.5 * typical.size, 1.0)
     share = (np.arange(NODES) + 0.5) / NODES
     width = 1.0 / (NODES * share * power)  # of a node, in the logarithm of an end
@@ -238,11 +238,11 @@ FAMILIES: Final[dict[str, Callable[[FloatArray, FloatArray], _Nodes]]] = {
 }
 
 
-# ---- what is written -------------------------------------------------------------------------------------------------
+# ---- the predictive law ----------------------------------------------------------------------------------------------
 
 
 def _mixture(parts: Sequence[tuple[float, _Group]], farthest: float) -> LearnedLaw:
-    """Return the predictive law of groups by their weights."""
+    """Return the predictive law: the mixture of groups by their weights."""
     at: IntArray = np.unique(np.geomspace(1.0, min(max(farthest, 100.0), LONGEST), POINTS).astype(np.int64))
     survival, shares = np.zeros(at.size), np.zeros(len(FAMILIES))
     log_mean, square = 0.0, 0.0
@@ -269,7 +269,7 @@ def _only(nodes: _Nodes, at: BoolArray) -> _Nodes:
 
 
 def _histogram(at: IntArray, survival: FloatArray) -> Histogram:
-    """Return the histogram whose edges are where the survival function passes `EDGES`."""
+    """Return the histogram whose edges are the durations at which the survival function passes `EDGES`."""
     edges: IntArray = np.unique([int(at[np.flatnonzero(survival >= level)[-1]]) for level in EDGES])
     if edges.size == 1:
         edges = np.append(edges, edges[0] + 1)

@@ -1,8 +1,8 @@
-"""How a wheel's viscous friction follows its bearing's temperature, learned from recordings; or by how much it varies.
+"""The law of a wheel's viscous friction in its bearing's temperature, learned from recordings; or else its spread.
 
-The law is that of the catalogue's effects which follow the temperature, on all of the viscous friction. Its shape and
-the jumps are fitted in turns, levels and slope by least squares (`base_fit`). Where the temperature was not recorded,
-viscous friction that differs between recordings is a spread, and no more can be judged.
+The law is one of the catalogue's effects that follow the temperature, applied to all of the viscous friction. Its shape
+and the jumps are fitted alternately, levels and slope by least squares (`base_fit`). Where the temperature was not
+recorded, only the spread of viscous friction between recordings can be estimated.
 """
 
 import itertools
@@ -25,27 +25,27 @@ from rwa_monitor.wheel.effects.base import MeanEffect
 from rwa_monitor.wheel.effects.catalogue import MEAN_EFFECTS, mean_effects, to_block, viscous_per_K
 from rwa_monitor.wheel.wheel import Nominal, Wheel
 
-# Of the friction at rest, the standard deviation of what temperature adds, below which it is let be.
+# Least standard deviation of the friction from temperature, as a share of the lowest level; a smaller one is ignored.
 SMALLEST_SWING: Final = 0.005
-FEWEST_RECORDINGS: Final = 3  # that show a spread: two differ, or one is of a failing wheel
-GRID: Final = 4  # values of a shape that fits begin at
-ROUNDS: Final = 2  # of jumps and shape in turns
-SETTLED: Final = 0.1  # of the criterion
-ONE_SIDED: Final = 0.95  # of the recordings to come, that a spread is to hold on either side
+FEWEST_RECORDINGS: Final = 3  # for a spread: of two that differ, one may be of a failing wheel
+GRID: Final = 4  # start values of each shape parameter
+ROUNDS: Final = 2  # of alternating fits of jumps and shape
+SETTLED: Final = 0.1  # change of the criterion at which a fit has converged
+ONE_SIDED: Final = 0.95  # share of future recordings within the spread, on either side
 
 
 @dataclass(frozen=True, slots=True)
 class Heat:
-    """Recordings with what is known of temperature taken into account.
+    """Recordings corrected for the temperature, as far as its law is known.
 
     Attributes
     ----------
     problem, fitted
-        The records, viscous friction in proportion to what it follows, and the base law fitted to them.
+        The records, with the speed to which viscous friction is proportional, and the base law fitted to them.
     wheel
-        What was known, with the effect that was learned and the temperatures that it holds over.
+        The known wheel, with the learned effect and the range of temperatures in which it holds.
     spread
-        By how much viscous friction varies from one recording to the next, of itself; None where by no more than usual.
+        Relative spread of viscous friction between recordings; None where it is no larger than usual.
     notes
         What was learned, a line each.
     """
@@ -58,14 +58,14 @@ class Heat:
 
 
 def learn_heat(records: Sequence[Record], start: Wheel, bare: Wheel) -> Heat:
-    """Learn how viscous friction follows the temperature, or by how much it varies.
+    """Learn the law of viscous friction in the temperature, or else its spread.
 
     Parameters
     ----------
     records
         As measured.
     start, bare
-        The wheel as far as it is known, and without friction and effects.
+        The wheel as far as it is known, and the same without friction and effects.
 
     Raises
     ------
@@ -95,21 +95,21 @@ def learn_heat(records: Sequence[Record], start: Wheel, bare: Wheel) -> Heat:
 
 
 def _follows_temperature(problem: Problem, fitted: Fit) -> bool:
-    """Return whether viscous friction falls with the bearing's temperature by enough to make jumps of no system's."""
+    """Return whether viscous friction falls with the bearing's temperature, significantly and by enough to matter."""
     known = [record.channels.bearing_temperature_degC for record in problem.records]
     temperature = problem.gather([values for values in known if values is not None])
     temperature = np.nan_to_num(temperature - np.nanmean(temperature))
     follows = fit(problem, (problem.speed * temperature)[:, None])
-    # Lubricants get thinner when they get warmer.
+    # A lubricant's viscosity falls with temperature.
     falls = -float(follows.coefficients[1]) * float(np.std(problem.speed * temperature))
     better = criterion(problem, fitted) - criterion(problem, follows) >= ACCEPT_GAIN
     return better and falls >= SMALLEST_SWING * abs(float(fitted.level.min()))
 
 
 def _law_of(problem: Problem, effect: type[MeanEffect], *, lags: bool) -> tuple[MeanEffect, float]:
-    """Return an effect that multiplies all viscous friction, as it fits best, and the criterion with its parameters.
+    """Return the best fit of an effect that multiplies all viscous friction, and the criterion with its parameters.
 
-    `lags`: what physics expects at its choice, a lag of the sensor, may be off it where the records can show that.
+    `lags`: whether to fit also discrete parameters (the sensor's lag) off their choices, where identifiable.
     """
     (strength,) = (parameter.name for parameter in effect.strength_parameters())
     limits, reach = shape_limits(problem, effect), reach_between(problem, effect) if lags else {}
@@ -149,7 +149,7 @@ def _law_of(problem: Problem, effect: type[MeanEffect], *, lags: bool) -> tuple[
 
 
 def _with_law(records: Sequence[Record], start: Wheel, bare: Wheel, effect: MeanEffect) -> Heat:
-    """Return the records with a law of the temperature: viscous friction is in proportion to what it makes of speed."""
+    """Return the records with a law of the temperature in the speed to which viscous friction is proportional."""
     (strength,) = (parameter.name for parameter in effect.strength_parameters())
 
     def wheel_of(viscous: float) -> Wheel:
@@ -177,13 +177,13 @@ def _with_law(records: Sequence[Record], start: Wheel, bare: Wheel, effect: Mean
 
 
 def _with_spread(plain: Heat, records: Sequence[Record], bare: Wheel) -> Heat:
-    """Return the records with a slope of their own each where slopes differ; unchanged where they do not."""
+    """Return the records with a viscous slope for each where slopes differ; unchanged where they do not."""
     if len(records) < FEWEST_RECORDINGS:
         return plain
     each = [make_problem([record], bare) for record in records]
     slopes = np.array([float(fit(one).coefficients[0]) for one in each])
     mean, count = float(slopes.mean()), len(records)
-    # The spread of a few is known badly: as wide as recordings to come need it (Student).
+    # The spread of a few recordings is uncertain: widen it to the prediction interval of Student's t.
     few = float(stats.t.ppf(ONE_SIDED, count - 1) / stats.norm.ppf(ONE_SIDED) * np.sqrt(1.0 + 1.0 / count))
     spread = float(np.std(slopes, ddof=1)) / max(mean, TINY)
     if spread < BASE_VISCOUS_STD or slopes.min() <= 0.0:

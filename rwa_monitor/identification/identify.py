@@ -1,10 +1,10 @@
-"""A wheel's friction, noise and switching laws learned from its recordings alone (the paper's own open question).
+"""A wheel's friction, noise and switching laws learned from its recordings alone (an open question of the paper).
 
 0. Where viscous friction follows the bearing's temperature, that law is learned first (`heat`).
-1. The recordings are segmented with a shared viscous slope: segments at constant friction, and jumps between them.
-2. The jumps are attributed to switching systems, as many as they need, by size, duration and by closing
-   (`jump_attribution`).
-3. Each configuration's sojourns give its duration law (`duration_laws`), its friction a range.
+1. The recordings are segmented with a shared viscous slope: segments of constant dry friction, and jumps between them.
+2. The jumps are attributed to switching systems, as many as needed, by size, by duration, and by pairs of jumps that
+   cancel (`jump_attribution`).
+3. Each configuration's sojourns give its duration law (`duration_laws`), and their friction its range.
 """
 
 import math
@@ -37,13 +37,13 @@ from rwa_monitor.wheel.file_content import rounded
 from rwa_monitor.wheel.wheel import FrictionRange, Noise, Nominal, SwitchingSystem, Wheel, Window
 from rwa_monitor.words import counted
 
-MIN_SOJOURNS: Final = 4  # of a configuration, whole or cut; fewer do not show that there is one
-# Of a mean duration, one standard deviation. The law written holds it, so that it misleads no diagnosis; but a law that
-# is known less well hardly shows anything.
+MIN_SOJOURNS: Final = 4  # of a configuration, whole or cut; fewer are no evidence of one
+# Largest relative standard error of a mean duration. The predictive law includes this uncertainty, so that it misleads
+# no diagnosis; but a less certain law is hardly informative.
 LARGEST_LAW_ERROR: Final = 0.3
-# A third of what healthy base dry friction spreads by. Of the friction at rest, a jump below it is none of a switching
-# system (a slope that differs between recordings makes such jumps), a drift below it none; of all friction, a torque
-# below it does no harm to what is learned.
+# A third of the spread of healthy base dry friction. As a share of the friction at rest, a smaller jump is not
+# attributed to a switching system (a slope that differs between recordings makes such jumps), and a smaller drift is
+# ignored; as a share of all friction, a smaller torque does not impair the result.
 HARMLESS: Final = 0.02
 TYPICAL_WITHIN: Final = 2.5  # standard deviations of a configuration's friction; a uniform law's reach 1.7
 
@@ -56,7 +56,7 @@ class Learned(NamedTuple):
     wheel
         With nominal friction, noise, window and switching systems.
     notes
-        What the values rest on, with uncertainties, one line each; for the head of wheel.toml.
+        The data behind the values, with uncertainties and warnings, one line each; for the head of wheel.toml.
     """
 
     wheel: Wheel
@@ -64,7 +64,7 @@ class Learned(NamedTuple):
 
 
 class _System(NamedTuple):
-    """What was learned of one system: per configuration, its visits, friction above the lowest [N m], and ways up."""
+    """A learned system: per configuration, visits, friction above the lowest [N m], and which transitions went up."""
 
     visits: list[list[Visit]]
     friction: list[FloatArray]
@@ -87,15 +87,15 @@ def identify(recordings: Sequence[tuple[str, Samples]], start: Wheel, *, systems
     recordings
         Name and samples of each recording of one wheel, healthy as far as is known.
     start
-        What is known already: name, sample period, motor constants, effects that are taken out before anything is
-        learned, and stay. Its nominal friction, noise and switching systems are learned anew.
+        The known wheel: name, sample period, motor constants, and effects, which are subtracted before anything is
+        learned and kept. Its nominal friction, noise and switching systems are learned anew.
     systems
         Whether to learn switching systems; False for short recordings, nominal friction and noise only.
 
     Raises
     ------
     InputError
-        If a recording cannot be used, or there is too little to learn a law from; reports how much more is needed.
+        If a recording cannot be used, or there is too little data to learn a law; reports how much more is needed.
     """
     bench = as_measured(recordings, start)
     recordings, start = bench.recordings, bench.wheel
@@ -184,13 +184,13 @@ def _segments(problem: Problem, jumps: IntArray, rest: FloatArray) -> list[Segme
 
 
 def _levels(values: FloatArray, jumps: list[int]) -> tuple[FloatArray, IntArray]:
-    """Return the mean of each segment [N m] and how many samples it is of."""
+    """Return the mean of each segment [N m] and its number of samples."""
     count: IntArray = np.diff([0, *jumps, values.size])
     return np.add.reduceat(values, [0, *jumps]) / count, count
 
 
 def _leave_out_small(values: FloatArray, jumps: list[int], smallest: float) -> None:
-    """Take jumps below a size [N m] out of a record's, the smallest first."""
+    """Remove jumps below a size [N m] from a record's, in place, the smallest first."""
     while jumps:
         size = np.abs(np.diff(_levels(values, jumps)[0]))
         least = int(np.argmin(size))
@@ -200,10 +200,10 @@ def _leave_out_small(values: FloatArray, jumps: list[int], smallest: float) -> N
 
 
 def _lowest_level(records: Sequence[Segments]) -> tuple[float, float]:
-    """Return the mean of the lowest segments [N m], and its std by how recordings differ in it.
+    """Return the mean of the lowest segments [N m], and its standard error from the spread between recordings.
 
-    They are those less than half a jump above the lowest of all: from one recording to another the base may differ by a
-    little.
+    They are those less than half the smallest jump above the lowest of all: the base may differ slightly between
+    recordings.
     """
     steps = np.concatenate([np.abs(np.diff(one.level)) for one in records])
     highest = min(float(one.level.min()) for one in records) + 0.5 * float(steps.min(initial=np.inf))
@@ -217,7 +217,7 @@ def _lowest_level(records: Sequence[Segments]) -> tuple[float, float]:
 
 
 def _mean_of_records(bases: Sequence[tuple[float, int]]) -> tuple[float, float]:
-    """Return the mean of records' levels [N m] by the slots that they rest on, and its std by how they differ."""
+    """Return the mean of records' levels [N m], weighted by their slots, and its standard error from their spread."""
     level, slots = np.array(bases).T
     spread = float(np.std(level, ddof=1) / np.sqrt(level.size)) if level.size > 1 else 0.0
     return float(np.average(level, weights=slots)), spread
@@ -229,7 +229,7 @@ def _systems(records: Sequence[Segments], lowest: float, hours: float) -> tuple[
     Raises
     ------
     InputError
-        If there are none, if they are seen too rarely, or if jumps do not distinguish them.
+        If there are none, if they have too few sojourns, or if the jumps do not distinguish them.
     """
     if all(one.level.size == 1 for one in records):
         raise _too_little("a switching system", [[]], hours)
@@ -247,7 +247,7 @@ def _systems(records: Sequence[Segments], lowest: float, hours: float) -> tuple[
 
 
 def _system_of(count: int, visits: Sequence[Visit]) -> _System:
-    """Return what the visits of one system show of each of its configurations."""
+    """Return a system, its visits sorted by configuration."""
     by_configuration = [[visit for visit in visits if visit.configuration == q] for q in range(count)]
     friction = [_typical(seen) if seen else np.zeros(0) for seen in by_configuration]
     return _System(by_configuration, friction, [ways_up(visits, q) for q in range(count)])
@@ -259,9 +259,9 @@ def _whole(visits: Sequence[Visit]) -> list[int]:
 
 
 def _typical(seen: Sequence[Visit]) -> FloatArray:
-    """Return the friction of the visits that show how far a configuration's reaches [N m].
+    """Return the friction of the visits that determine a configuration's range [N m].
 
-    A visit of a few slots is known too badly; and one far from the others may be another system's.
+    The friction of a short visit is too uncertain; and a visit far from the others may be another system's.
     """
     friction, std = np.array([(visit.friction, visit.std) for visit in seen]).T
     good = std <= np.median(std)
@@ -270,7 +270,7 @@ def _typical(seen: Sequence[Visit]) -> FloatArray:
 
 
 def _laws_of(number: int, system: _System, hours: float) -> Sequence[LearnedLaw]:
-    """Return the laws of a system, one for each configuration; refuse those that are hardly known."""
+    """Return the laws of a system, one for each configuration; raise InputError where one is too uncertain."""
     laws = learn_laws(system.visits)
     worst = max(law.error for law in laws)
     if worst > LARGEST_LAW_ERROR:
@@ -280,18 +280,18 @@ def _laws_of(number: int, system: _System, hours: float) -> Sequence[LearnedLaw]
 
 
 def _too_little(what: str, visits: Sequence[Sequence[Visit]], hours: float, times: float = 1.0) -> InputError:
-    """Report what was seen and how much more is needed, without claiming that there is such a system at all.
+    """Return an error that reports the sojourns seen and how much more data is needed, if there is such a system.
 
     Parameters
     ----------
     what
-        What is not learned.
+        The quantity that is not learned.
     visits
         By configuration.
     hours
-        Of recordings in which they were seen.
+        Length of the recordings.
     times
-        As many sojourns are needed at least.
+        Least factor on the number of sojourns that is needed.
     """
     counts = ", ".join(f"q = {q}: {len(seen)}" for q, seen in enumerate(visits) if seen) or "none"
     fewest = min(len(seen) if _whole(seen) else 0 for seen in visits)
@@ -317,7 +317,7 @@ def _block_of(name: str, laws: Sequence[LearnedLaw], system: _System, base_Nm: f
     ranges = []
     for q, values in enumerate(system.friction):
         relative = values / base_Nm
-        # A sample of n misses about 1/(n+1) of a range at each end.
+        # The range of a sample of n falls short of the true one by about 1/(n+1) of it at each end.
         margin = 0.0 if q == 0 else float(np.ptp(relative)) / (relative.size + 1)
         low, high = (0.0, 0.0) if q == 0 else (float(relative.min()) - margin, float(relative.max()) + margin)
         ranges.append(FrictionRange(low=rounded(low, 4), high=rounded(high, 4)))
@@ -346,21 +346,21 @@ def _note(name: str, laws: Sequence[LearnedLaw], system: _System) -> str:
     return f"{name}: {'; '.join(parts)}"
 
 
-# ---- what the recordings may not show, and warnings ------------------------------------------------------------------
+# ---- insufficient data, and warnings ---------------------------------------------------------------------------------
 
 
-# A nominal value is good for something while its standard deviation is about half of what the built-in model's bands of
-# healthy wheels reach to either side: 6 % for base dry friction, 4 % for viscous friction.
+# A nominal value is useful while its standard deviation is at most about half of the half-width of the built-in model's
+# bands of healthy wheels: 6 % for base dry friction, 4 % for viscous friction.
 LARGEST_ERROR: Final = 0.025
-DRIFT_VISIBLE_AT: Final = 6.0  # standard deviations of a drift below which nothing is made of it
+DRIFT_VISIBLE_AT: Final = 6.0  # standard deviations, above which a drift is significant
 MOST_SYSTEMS: Final = max(len(counts) for tier in TIERS for counts in tier)
-MOST_ODD: Final = 0.1  # of the segments, that fit no system: more are no accident
-SURE_BY: Final = 3.0  # log-likelihood by which one description must beat the next: odds of 20
-MOST_TIMES: Final = 10.0  # as many recordings, where two descriptions hardly differ
+MOST_ODD: Final = 0.1  # share of segments that fit no system; more are not due to chance
+SURE_BY: Final = 3.0  # log-likelihood by which one description must exceed the next: odds of 20
+MOST_TIMES: Final = 10.0  # largest factor on the recordings that is asked for, where two descriptions hardly differ
 
 
 def friction_errors(problem: Problem) -> tuple[float, float]:
-    """Return the standard deviations of base dry [N m] and of viscous friction [N m s/rad] that noise leaves."""
+    """Return the standard deviations of base dry [N m] and of viscous friction [N m s/rad] due to noise."""
     variance, mean = problem.noise.long_run_variance, float(problem.speed.mean())
     inner = problem.speed - mean
     viscous_std = math.sqrt(variance / max(float(inner @ inner), TINY))
@@ -368,9 +368,9 @@ def friction_errors(problem: Problem) -> tuple[float, float]:
 
 
 def check_enough(problem: Problem, base: float, viscous: float, names: str, cause: str | None) -> None:
-    """Refuse records that leave the nominal friction too uncertain to distinguish a healthy wheel from a failing one.
+    """Raise InputError where the nominal friction is too uncertain to distinguish a healthy wheel from a failing one.
 
-    More data would not help where there is another `cause`.
+    The error asks for more data, or reports `cause` where more data would not help.
     """
     errors = dict(
         zip(("base dry", "viscous"), np.array(friction_errors(problem)) / (base, max(viscous, TINY)), strict=True)
@@ -388,10 +388,10 @@ def check_enough(problem: Problem, base: float, viscous: float, names: str, caus
 
 
 def drift_in_words(problem: Problem, jumps: IntArray, residual: FloatArray, base: float) -> str:
-    """Report whether friction drifts between jumps, where a healthy wheel's stays: "" if not.
+    """Report a drift of friction between jumps, where a healthy wheel's is constant; "" if there is none.
 
-    The common slope in time of what levels and viscous friction leave, each interval taken by itself. Drift that is
-    large also makes jumps, which take most of it away from what is seen between jumps.
+    The drift is the common slope in time of the residual of levels and viscous friction, within the intervals between
+    jumps. A large drift is also fitted by jumps, which take most of it out of that residual.
     """
     cuts = np.unique(np.concatenate([problem.starts, jumps])).astype(np.int64)
     interval = np.repeat(np.arange(cuts.size - 1), np.diff(cuts))
@@ -414,7 +414,7 @@ def drift_in_words(problem: Problem, jumps: IntArray, residual: FloatArray, base
 
 
 def unnamed_jumps(problem: Problem, jumps: IntArray, systems: Sequence[SwitchingSystem]) -> str:
-    """Return what base dry friction may hold where no system is learned; "" where one is."""
+    """Return a warning of what base dry friction may include where no system is learned; "" where one is."""
     if systems:
         return ""
     inside = np.setdiff1d(jumps, problem.starts).size
@@ -427,7 +427,7 @@ def unnamed_jumps(problem: Problem, jumps: IntArray, systems: Sequence[Switching
 
 
 def check_distinguished(attribution: JumpAttribution, base: float, hours: float) -> None:
-    """Refuse systems that the jumps do not distinguish, and report whether more of them would.
+    """Raise InputError where the jumps do not distinguish the systems, and report whether more data would.
 
     Parameters
     ----------
@@ -436,13 +436,13 @@ def check_distinguished(attribution: JumpAttribution, base: float, hours: float)
     base
         Friction with all at rest [N m].
     hours
-        Of recordings.
+        Length of the recordings.
 
     Raises
     ------
     InputError
-        If many segments fit no system, if another number of systems fits nearly as well, or if two systems of two
-        configurations have jumps of the same size that last alike.
+        If many segments fit no system, if other numbers of configurations fit nearly as well, or if two systems of two
+        configurations have jumps of about the same size and duration.
     """
     if attribution.odd > MOST_ODD:
         raise InputError(
@@ -462,7 +462,7 @@ def check_distinguished(attribution: JumpAttribution, base: float, hours: float)
             " systems with their duration laws into the wheel file ([[fss]])",
         )
     for alternative, worse in attribution.alternatives:
-        # A system more that is not worth its parameters is no alternative.
+        # An alternative that only adds systems is none: their gain is below the penalty of their parameters.
         if worse < SURE_BY and Counter(counts) - Counter(alternative):
             times = int(np.ceil(SURE_BY / max(worse, SURE_BY / MOST_TIMES)))
             raise InputError(
@@ -474,7 +474,7 @@ def check_distinguished(attribution: JumpAttribution, base: float, hours: float)
 
 
 def _in_words(counts: tuple[int, ...]) -> str:
-    """Return in words how many systems of how many configurations."""
+    """Return in words the number of systems with each number of configurations."""
     return " and ".join(
         f"{counted(counts.count(count), 'system')} of {count} configurations" for count in sorted(set(counts))
     )
@@ -483,11 +483,11 @@ def _in_words(counts: tuple[int, ...]) -> str:
 # ---- friction that comes out negative --------------------------------------------------------------------------------
 
 
-VISIBLE_AT: Final = 10.0  # standard deviations of a torque left in friction, its noise taken to be white
+VISIBLE_AT: Final = 10.0  # standard deviations, above which a torque in the friction is significant, for white noise
 
 
 def why_negative(problem: Problem, fitted: Fit, wheel: Wheel, finding: str) -> str:
-    """Report why friction comes out negative, or ask.
+    """Report why the estimated friction is negative, or ask for likely reasons.
 
     Torque that drives the rotation has the wrong sign; else see `cause_of`.
 
@@ -498,7 +498,7 @@ def why_negative(problem: Problem, fitted: Fit, wheel: Wheel, finding: str) -> s
     wheel
         Constants with which friction was derived.
     finding
-        What came out negative, in words.
+        The negative quantity, in words.
     """
     if not problem.at_one_speed and float(np.mean(problem.z)) < 0:
         return f"{finding}, and torque drives the rotation on the average: is the sign of speed or torque right?"
@@ -511,11 +511,11 @@ def why_negative(problem: Problem, fitted: Fit, wheel: Wheel, finding: str) -> s
 
 
 def cause_of(problem: Problem, fitted: Fit, wheel: Wheel) -> str | None:
-    """Report what keeps dry and viscous friction from being learned; None where nothing does.
+    """Report why dry and viscous friction cannot be learned; None where nothing prevents it.
 
-    In this order: at one speed they are one number, of which each may be anything; drag that grows faster than the
-    speed leaves less than nothing for the dry friction, and while a wheel runs down it would pass for an inertia;
-    friction that follows the acceleration holds a part of the inertia's torque.
+    In this order: at one speed only their sum is identifiable; drag that grows faster than the speed makes the dry
+    friction negative, and while a wheel runs down it mimics an inertia; friction that follows the acceleration includes
+    a part of the inertia's torque.
 
     Parameters
     ----------
@@ -528,9 +528,9 @@ def cause_of(problem: Problem, fitted: Fit, wheel: Wheel) -> str | None:
 
 
 def _share_of(problem: Problem, fitted: Fit, column: FloatArray, size: float) -> tuple[float, float, bool]:
-    """Return how friction follows a column beside levels and slope, its deviation, and whether that does harm.
+    """Return the coefficient of a column given levels and slope, its standard deviation, and whether it is harmful.
 
-    `size` is that of the column, so that its torque compares with all friction.
+    `size` is the size of the column: the coefficient times it is compared with all friction.
     """
     first = segment_starts(problem, fitted.jumps)
     design = remove_levels(np.column_stack([column, problem.speed]), first)
@@ -540,8 +540,8 @@ def _share_of(problem: Problem, fitted: Fit, column: FloatArray, size: float) ->
 
 
 def missing_law(problem: Problem, fitted: Fit) -> str | None:
-    """Report that friction is no straight line over the speed; None where it is, within its noise or nearly."""
-    # A parabola lies off its chord in the middle by an eighth.
+    """Report that friction is not linear in the speed; None where it is, within noise or nearly."""
+    # At the middle of a range a parabola c·x² is off its chord by c·range²/8.
     value, _, bent = _share_of(problem, fitted, problem.speed**2, float(np.ptp(problem.speed)) ** 2 / 8.0)
     if not bent:
         return None
@@ -553,7 +553,7 @@ def missing_law(problem: Problem, fitted: Fit) -> str | None:
 
 
 def at_one_speed(problem: Problem, fitted: Fit) -> str:
-    """Report that dry and viscous friction are not distinguished, and what is known instead: their sum."""
+    """Report that dry and viscous friction are not separately identifiable, and their sum."""
     speed = float(problem.speed.mean())
     together = float(fitted.level.mean()) + float(fitted.coefficients[0]) * speed
     return (
@@ -563,7 +563,7 @@ def at_one_speed(problem: Problem, fitted: Fit) -> str:
 
 
 def motion_in_friction(problem: Problem, fitted: Fit, wheel: Wheel) -> str | None:
-    """Ask where friction follows the acceleration more than an acceptable part of it; None where it does not."""
+    """Return a question where a harmful part of friction follows the acceleration; None where none does."""
     if wheel.friction.motor_off:  # friction is the inertia's torque
         return None
     along = problem.sign * problem.gather([record.channels.acceleration_rad_s2 for record in problem.records])
