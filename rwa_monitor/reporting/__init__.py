@@ -1,5 +1,5 @@
-"""What people and their tools read: the report of a search, diagnoses as text, and Foxglove.
+"""Output for people and their tools: the report of a search, diagnoses as text, and Foxglove.
 
-In: a finished search; messages of the bus. Out: an HTML page with figures; text; the entries and layout of
-Foxglove. Each file stands for itself.
+In: a finished search; messages of the bus. Out: an HTML page with figures; text; the messages and layout of
+Foxglove. The files are independent of each other, but the report draws with `residual_views.py` and `figures.py`.
 """

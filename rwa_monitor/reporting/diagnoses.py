@@ -1,9 +1,9 @@
-"""How diagnoses look to a person: one window, and the trend of a wheel's friction over many.
+"""Diagnoses as text: one window, and the trend of a wheel's friction over many.
 
     for trend in wheel_trends(diagnoses).values():
         print(trend.sentence())
 
-Each coefficient is followed to the bound of its nominal range, or to a limit that the caller names.
+Each coefficient is extrapolated to the bound of its nominal range, or to a limit that the caller gives.
 """
 
 from collections import Counter
@@ -22,7 +22,7 @@ from rwa_monitor.samples import NANOSECONDS_PER_SECOND, SECONDS_PER_DAY, SECONDS
 from rwa_monitor.wheel.wheel import RESERVED_ANOMALIES
 from rwa_monitor.words import time_text
 
-SMALLEST_P: Final = 1e-9  # below, a p-value is only given as smaller: it rests on Gaussian tails
+SMALLEST_P: Final = 1e-9  # a smaller p-value is given as a bound: it depends on Gaussian tails
 
 
 class EstimateRecord(Message):
@@ -42,7 +42,7 @@ class EstimateRecord(Message):
 
 
 def estimates_of(diagnosis: Diagnosis) -> Iterator[EstimateRecord]:
-    """Yield what is kept of a diagnosis for the trends of a wheel: an estimate of each part of its friction."""
+    """Yield the estimates in a diagnosis from which a wheel's trends are found, one for each part of its friction."""
     stds = {"dry": diagnosis.friction.base_dry.std, "viscous": diagnosis.friction.viscous.std}
     for name, anomaly in diagnosis.anomalies.items():
         yield EstimateRecord(
@@ -63,11 +63,11 @@ class CoefficientTrend(NamedTuple):
     name, unit
         `dry` or `viscous`; SI unit.
     trend
-        What was found; times from the begin of the first window on.
+        The fitted trend; times from the begin of the first window.
     limit
-        The limit that the trend leads to, None without one.
+        The limit to which it is extrapolated, None without one.
     reach
-        When it is reached, None without a trend or a limit.
+        When it is reached, None without a limit.
     """
 
     name: str
@@ -77,7 +77,7 @@ class CoefficientTrend(NamedTuple):
     reach: Reach | None
 
     def sentence(self) -> str:
-        """Return in one sentence what the trend is and when it reaches the limit."""
+        """Return a sentence on the trend and when it reaches the limit."""
         found, name = self.trend, title(self.name)
         p = f"p < {SMALLEST_P:.0e}" if found.p_value < SMALLEST_P else f"p = {found.p_value:.2g}"
         if not found.present:
@@ -113,20 +113,20 @@ def coefficient_trend(
     name
         `dry`, `viscous`, or a switching system.
     estimates
-        One for each window, in order of time; rows of the history will do.
+        One for each window, in order of time, such as rows of the history.
     limit
         In the estimates' unit; None: the bound of the last window's nominal range that the trend leads to.
 
     Returns
     -------
-    None where fewer than `diagnosis.trend.MIN_WINDOWS` windows show it.
+    None where fewer than `diagnosis.trend.MIN_WINDOWS` windows have an estimate with a standard deviation.
     """
     if not estimates:
         return None
     first_ns, last = estimates[0].window_start_ns, estimates[-1]
-    # Whole nanoseconds first: as floats, times since 1970 would be good to a quarter of a microsecond only.
+    # Whole nanoseconds first: as floats, times since 1970 would be exact to a quarter of a microsecond only.
     middle_s = [(e.window_start_ns + e.window_end_ns - 2 * first_ns) / 2 / NANOSECONDS_PER_SECOND for e in estimates]
-    # A window that claims to be exact counts for nothing, as one without a value.
+    # An estimate with a standard deviation of zero is left out, as is a missing one.
     std = [e.std if e.std is not None and e.std > 0 else np.nan for e in estimates]
     value = [np.nan if e.value is None else e.value for e in estimates]
     trend = find_trend(np.array(middle_s), np.array(value), np.array(std))
@@ -147,11 +147,11 @@ def wheel_trends(
     windows
         Diagnoses of one wheel, in any order.
     limits
-        By coefficient, `dry` [N m] and `viscous` [N m s/rad]; the others are followed to their nominal range.
+        By coefficient, `dry` [N m] and `viscous` [N m s/rad]; the others are extrapolated to their nominal range.
 
     Returns
     -------
-    By coefficient; one that too few windows show is not in it.
+    By coefficient, without those that too few windows have an estimate of.
     """
     return friction_trends((estimate for window in windows for estimate in estimates_of(window)), limits)
 
@@ -159,7 +159,7 @@ def wheel_trends(
 def friction_trends(
     estimates: Iterable[EstimateRecord], limits: Mapping[str, float] | None = None
 ) -> dict[str, CoefficientTrend]:
-    """Find the trends that `wheel_trends` does, from what is kept of the diagnoses."""
+    """Find the trends as `wheel_trends` does, from the estimates of the diagnoses."""
     ordered = sorted(estimates, key=lambda estimate: estimate.window_start_ns)
     found = {}
     for name in RESERVED_ANOMALIES:
@@ -182,7 +182,7 @@ def has_too_few_samples(diagnosis: Diagnosis) -> bool:
 
 
 def render(diagnosis: Diagnosis) -> RenderableType:
-    """Return the picture of one window's diagnosis; only the reason where the window has too few samples."""
+    """Return one window's diagnosis for the terminal; only the reason where the window has too few samples."""
     wheel = f"{diagnosis.spacecraft}/{diagnosis.wheel}" if diagnosis.spacecraft else diagnosis.wheel
     start, end = time_text(diagnosis.window_start_ns), time_text(diagnosis.window_end_ns)
     head = Text.assemble(
@@ -202,7 +202,7 @@ def render(diagnosis: Diagnosis) -> RenderableType:
 
 
 def _anomalies(diagnosis: Diagnosis) -> Table:
-    """Return the table of what can be anomalous and what is."""
+    """Return the table of possible anomalies, with whether each is active."""
     table = Table(box=None, pad_edge=False, padding=(0, 2, 0, 2))
     for column in ("", "anomalous", "probability", "severity", "estimate", "nominal"):
         table.add_column(column, style="" if column else "bold", no_wrap=True)
@@ -220,7 +220,7 @@ def _anomalies(diagnosis: Diagnosis) -> Table:
 
 
 def _called(anomaly: Anomaly, diagnosis: Diagnosis) -> Text:
-    """Return whether an anomaly is called; no all-clear is given by an inconclusive verdict or an inadequate model."""
+    """Return yes, no or undecided for an anomaly; never no under an inconclusive verdict or an inadequate model."""
     if anomaly.active and diagnosis.verdict == "anomalous":
         return Text("yes", VERDICT_STYLE["anomalous"])
     if anomaly.active or diagnosis.verdict == "inconclusive" or not diagnosis.model_adequate:

@@ -1,4 +1,4 @@
-"""The discrepancy report: as text, and as one HTML page that an engineer can put before a review board."""
+"""The discrepancy report: as text, and as one self-contained HTML page, for instance for a review board."""
 
 import math
 import sys
@@ -33,9 +33,9 @@ from rwa_monitor.wheel.effects.catalogue import effect_class
 from rwa_monitor.words import SOFTWARE
 
 KINDS: Final = {"mean": "a torque", "noise": "of the noise", "switching": "of the jumps"}
-PROPER: Final = "Stribeck"  # a name: it keeps its capital
-MOST_NAMES: Final = 4  # beyond which a set names no cause, but says what would
-SURE_P: Final = 1e-4  # below which a view's test calls its deviation no chance
+PROPER: Final = "Stribeck"  # a proper name keeps its capital
+MOST_NAMES: Final = 4  # equivalent effects from which the sentence states how to separate them
+SURE_P: Final = 1e-4  # p-value below which a view's deviation is reported as significant
 
 
 def sentence(result: DiscrepancyResult) -> str:
@@ -61,7 +61,7 @@ def sentence(result: DiscrepancyResult) -> str:
 
 
 def _loss_in_words(result: DiscrepancyResult, gain: Gain) -> str:
-    """Return first what an extension does not do: hold on data that it was not fitted to."""
+    """Return the first sentence where an extension fails on held-out data: the loss in error and log score."""
     own = [effect.name for effect in result.effects if effect_class(effect.name).of_one_recording and gain.held_out]
     where = f"On {', '.join(gain.held_out)}" if gain.held_out else "On blocks left out in turn"
     return (
@@ -93,7 +93,7 @@ def p_in_words(search: Search, effect: FoundEffect) -> str:
 
 
 def steps_in_words(problem: Problem) -> str:
-    """Return in what steps the torque was read, and how coarse they are beside the noise; "" where they are fine."""
+    """Return the quantisation steps of the torque and their size relative to the noise; "" without such steps."""
     found = []
     for steps in {record.steps: None for record in problem.records if record.steps is not None}:
         size, share = measure(steps.size, None, steps.unit), steps.torque_Nm / problem.noise.std
@@ -102,16 +102,16 @@ def steps_in_words(problem: Problem) -> str:
 
 
 def noise_gains(search: Search) -> list[tuple[str, float]]:
-    """Return each noise effect found with what it is worth: nats per sample, in sample, by the right law of noise.
+    """Return each noise effect found with its gain in nats per sample, in sample, by its law of the noise.
 
-    It moves no sample: the error of the model stays.
+    It does not change the model's mean: the error of the model stays.
     """
     size = search.problem.size
     return [(e.name, 0.5 * e.delta_deviance / size) for e in search.result.effects if e.family == "noise"]
 
 
 def absent_effects(search: Search) -> list[Detectable]:
-    """Return the effects that these data would have shown and do not, with the strength from which they would."""
+    """Return the effects that are detectable in these data and were not found, with the least detectable strength."""
     named = {name for effect in search.result.effects for name in (effect.name, *effect.equivalent)}
     others = named | {name for name, _ in search.result.untested}
     return [
@@ -125,7 +125,7 @@ def absent_effects(search: Search) -> list[Detectable]:
 
 
 def details(found: Search) -> Iterator[RenderableType]:
-    """Give the table of effects, the gain, and what could not be tested, part by part."""
+    """Yield the table of effects, the gain, and the effects that could not be tested, part by part."""
     result = found.result
     if result.effects:
         table = Table("effect", "parameters", "gain", "p", "equivalent", "separated by", box=None)
@@ -144,7 +144,7 @@ def details(found: Search) -> Iterator[RenderableType]:
 
 
 def plan_lines(planned: Plan) -> list[str]:
-    """Return the lines of a plan: the advice, and how well each manoeuvre separates the leading causes."""
+    """Return the lines of a plan: the advice, and how well each manoeuvre separates the most likely causes."""
     return _environment().get_template("manoeuvres.txt").render(planned=planned).splitlines()
 
 
@@ -152,7 +152,7 @@ def plan_lines(planned: Plan) -> list[str]:
 
 
 def html(search: Search, sources: list[str], build: str = "") -> str:
-    """Return the report as an HTML page; `sources` names the recordings, `build` the source of the program."""
+    """Return the report as an HTML page; `sources` names the recordings, `build` the program's source version."""
     return _rendered(
         "discrepancy_report.html",
         search,
@@ -163,14 +163,14 @@ def html(search: Search, sources: list[str], build: str = "") -> str:
 
 
 def _rendered(template: str, search: Search, **more: Any) -> str:
-    """Return a search as a template has it."""
+    """Return a search rendered by a template."""
     beyond = not_testable(search.problem, CANDIDATES, search.result.untested)
     known = {"search": search, "extension": extend(search), "beyond": beyond}
     return _environment().get_template(template).render(**known, **more)
 
 
 def _environment() -> jinja2.Environment:
-    """Return what the templates know."""
+    """Return the environment of the templates, with their filters and functions."""
     environment = jinja2.Environment(
         loader=jinja2.FileSystemLoader(Path(__file__).parent),
         autoescape=jinja2.select_autoescape(["html"]),
@@ -189,7 +189,7 @@ def _environment() -> jinja2.Environment:
 
 
 def _picture(name: str, *drawn: Any, tight: bool = False, **options: Any) -> str:
-    """Return a picture of `figures` as SVG; "" where what draws it is not installed."""
+    """Return a picture of `figures` as SVG; "" where the drawing library is not installed."""
     try:
         from rwa_monitor.reporting import figures  # noqa: PLC0415 - of an extra
     except ModuleNotFoundError:
@@ -197,12 +197,12 @@ def _picture(name: str, *drawn: Any, tight: bool = False, **options: Any) -> str
     return figures.svg(getattr(figures, name)(*drawn, **options), tight=tight)
 
 
-# ---- numbers as engineers write them, with as many digits as are known and prefixes ----------------------------------
+# ---- numbers in engineering notation, with as many digits as are significant and prefixes ----------------------------
 
 PREFIXES: Final = {0: "", -3: "m", -6: "µ", -9: "n", -12: "p", 3: "k", 6: "M"}
-PREFIXED: Final = ("N m", "A", "V")  # a prefix before these, at the beginning of a unit, is read at once
-PREFIXED_ALONE: Final = ("s", "Hz")
-PLAIN_FROM, PLAIN_TO = 1e-3, 1e4  # without prefix: sizes written out
+PREFIXED: Final = ("N m", "A", "V")  # units that take a prefix, also at the beginning of a compound unit
+PREFIXED_ALONE: Final = ("s", "Hz")  # units that take a prefix only by themselves
+PLAIN_FROM, PLAIN_TO = 1e-3, 1e4  # without prefix: sizes written without a power of ten
 SUPERSCRIPTS: Final = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 DIGITS: Final = 4  # of a value whose error is not known
 
@@ -228,7 +228,7 @@ def measure(value: float | None, std: float | None, unit: str) -> str:
 
 
 def thousands(size: float) -> int:
-    """Return the power of ten, a multiple of three that has a prefix, with which a size has one to three digits."""
+    """Return the power of ten, a multiple of three that has a prefix, by which a size has one to three whole digits."""
     if size <= 0 or not math.isfinite(size):
         return 0
     return min(max(3 * math.floor(math.log10(size) / 3), min(PREFIXES)), max(PREFIXES))

@@ -1,4 +1,4 @@
-"""The pictures of a discrepancy report: drawn without a display, and as SVG the same bytes for the same input."""
+"""The figures of a discrepancy report, drawn without a display; as SVG the same input gives the same bytes."""
 
 import io
 from typing import Any, Final
@@ -13,22 +13,22 @@ from rwa_monitor.discrepancy.result import Search, nested_models
 from rwa_monitor.reporting.residual_views import MIN_PER_BIN, View, base_residual
 from rwa_monitor.samples import FloatArray, IntArray
 
-BASE, EXTENDED, MEASURED = "#c1440e", "#1f6f8b", "#8a8a8a"  # orange-red, teal, grey: apart for colour-blind eyes too
+BASE, EXTENDED, MEASURED = "#c1440e", "#1f6f8b", "#8a8a8a"  # orange-red, teal, grey: distinct if colour-blind, too
 AS_IT_IS, WITH_EFFECTS = "simulation as it is", "simulation extended"
 STYLES: Final[dict[str, dict[str, Any]]] = {
     AS_IT_IS: {"color": BASE, "ls": "--"},
     WITH_EFFECTS: {"color": EXTENDED, "ls": "-"},
 }
 FRICTION: Final = "friction torque [N m]"
-MAX_POINTS: Final = 2500  # of a line in a picture
-STANDARD_ERRORS: Final = 2.0  # that the bars of all views show
+MAX_POINTS: Final = 2500  # of a line in a figure
+STANDARD_ERRORS: Final = 2.0  # half-length of the error bars of all views
 STEADY_SHARE: Final = 0.1  # of the largest acceleration, below which the speed counts as steady
-BIN_RATIO: Final = 0.1  # width of a bin over speed, as a share of the speed
-SLOW_RAD_S: Final = 1.0  # below which bins over speed get no narrower
+BIN_RATIO: Final = 0.1  # width of a bin of the speed, as a share of the speed
+SLOW_RAD_S: Final = 1.0  # speed below which bins get no narrower
 
 
 def _residuals(search: Search) -> dict[str, FloatArray]:
-    """Return what each simulation leaves, s·torque [N m], float64 (n,)."""
+    """Return the residual of each simulation by its name, s·torque [N m], float64 (n,)."""
     found = {AS_IT_IS: base_residual(search.problem, search.extended)}
     if search.extended.terms:
         found[WITH_EFFECTS] = search.extended.fit.residual
@@ -36,7 +36,7 @@ def _residuals(search: Search) -> dict[str, FloatArray]:
 
 
 def overlay(search: Search) -> Figure:
-    """Draw measured friction and both simulations for the same manoeuvre, what is left, and where they part most."""
+    """Draw measured friction and both simulations of a manoeuvre, residuals, and a detail where they differ most."""
     problem, record = search.problem, search.problem.records[0]
     end = int(problem.starts[1])
     time_s = record.channels.time_s[problem.slot[:end]]
@@ -72,9 +72,9 @@ def overlay(search: Search) -> Figure:
 
 
 def friction_over_speed(search: Search) -> Figure:
-    """Draw friction over speed: measured, apart by the sign of the acceleration, and as both simulations have it.
+    """Draw friction over speed: measured, separately by the sign of d|ω|/dt, and of both simulations.
 
-    The jumps are taken out: all is drawn at the lowest level of the dry friction.
+    The jumps are removed: all is drawn at the lowest level of the dry friction.
     """
     problem, level = search.problem, search.extended.fit.level
     speed = problem.speed * problem.sign
@@ -103,7 +103,7 @@ def friction_over_speed(search: Search) -> Figure:
 
 
 def formula(latex: str) -> Figure:
-    """Draw a formula of the catalogue, black on nothing."""
+    """Draw a formula of the catalogue, black and without background."""
     figure = Figure(figsize=(0.1, 0.1))
     figure.text(0.0, 0.0, f"${latex}$")
     return figure
@@ -130,7 +130,7 @@ def view_picture(view: View, title: str, x_label: str, y_label: str, both: bool)
 
 
 def gains_picture(search: Search) -> Figure:
-    """Draw what each nested model gains on held-out data over the base model, and how many jumps it needs."""
+    """Draw each nested model's gain on held-out data over the base model, and its number of jumps."""
     nested = nested_models(search)
     figure = Figure(figsize=(9, 0.55 * len(nested) + 1.3), layout="constrained")
     left, right = figure.subplots(1, 2, sharey=True)
@@ -157,7 +157,7 @@ def gains_picture(search: Search) -> Figure:
 
 
 def svg(figure: Figure, *, tight: bool = False) -> str:
-    """Return a figure as an <svg> element, without date or random ids; `tight` cuts it to what is drawn."""
+    """Return a figure as an <svg> element, without date or random ids; `tight` crops it to its content."""
     text = io.StringIO()
     with mpl.rc_context({"svg.hashsalt": "rwa-monitor", "font.size": 9}):
         figure.savefig(text, format="svg", metadata={"Date": None}, bbox_inches="tight" if tight else None)
@@ -166,16 +166,16 @@ def svg(figure: Figure, *, tight: bool = False) -> str:
 
 
 def _finish(axis: Axes) -> None:
-    """Give axes their grid, and small values a power of ten at the axis."""
+    """Add a grid to axes, and a power of ten for small or large values."""
     axis.grid(alpha=0.25)
     if axis.get_yscale() == "linear":
         axis.ticklabel_format(axis="y", scilimits=(-2, 4), useMathText=True)
 
 
 def _means_over(speed: FloatArray, torque: FloatArray) -> tuple[FloatArray, FloatArray, IntArray]:
-    """Return means of speed and torque and the samples in each, in bins as wide as a share of the speed itself.
+    """Return means of speed and torque and the samples in each, in bins whose width is a share of the speed.
 
-    So they part the directions, and are narrow near zero, where friction changes fastest.
+    No bin holds both directions, and bins are narrow near zero, where friction changes fastest.
     """
     bin_of = np.sign(speed) * np.ceil(np.log1p(np.abs(speed) / SLOW_RAD_S) / BIN_RATIO)
     at = (bin_of - bin_of.min(initial=0.0)).astype(np.int64)
@@ -186,7 +186,7 @@ def _means_over(speed: FloatArray, torque: FloatArray) -> tuple[FloatArray, Floa
 
 
 def _thin(x: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Keep smallest and largest value of each of MAX_POINTS/2 pieces, so that no spike is lost."""
+    """Return the smallest and largest value of each of MAX_POINTS/2 pieces, so that no spike is lost."""
     if x.size <= MAX_POINTS:
         return x, y
     pieces = np.array_split(np.arange(x.size), MAX_POINTS // 2)

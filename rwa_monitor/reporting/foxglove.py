@@ -1,13 +1,13 @@
-"""What Foxglove shows of a wheel: the messages of the bus as they are, and what its panels need beside them.
+"""A wheel in Foxglove: the messages of the bus as they are, and additional messages that its panels need.
 
-Samples come in arrays, a plot needs one message for each: {key}/telemetry. Jumps lie before the message that reports
-them: {key}/jump has them at their own time. The parts of friction are a map in the diagnosis: each is a topic here,
-{key}/part/{name}. What an operator should read is a line of {key}/log, in Foxglove's own
-schema for its log panel. All times are the wheel's own clock.
+Samples come in arrays, but a plot needs one message for each: {key}/telemetry. Jumps happen before the message that
+reports them: {key}/jump has them at their own time. The parts of friction are a map in the diagnosis: each is a topic
+here, {key}/part/{name}. Messages to the operator are lines of {key}/log, in Foxglove's own schema for its log panel.
+All times are the wheel's own clock.
 
 Recordings keep the published schemas. Foxglove's reader of JSON Schema takes objects, arrays and plain types, but no
-$ref, no anyOf and no maps (foxglove/studio, packages/mcap-support/src/parseJsonSchema.ts), and refuses a topic whose
-schema has them: here topics carry what of their schema it understands. The messages themselves are the same bytes.
+$ref, no anyOf and no maps (foxglove/studio, packages/mcap-support/src/parseJsonSchema.ts), and rejects a topic whose
+schema has them: here a topic has only the supported part of its schema. The messages themselves are the same bytes.
 """
 
 import json
@@ -68,7 +68,7 @@ ALARM_LEVELS: Final = {
 
 @dataclass(slots=True)
 class _Wheel:
-    """What was seen of a wheel so far."""
+    """State of a wheel from its messages so far."""
 
     key: str  # without the kind
     name: str
@@ -78,18 +78,18 @@ class _Wheel:
 
 
 class Translator:
-    """Turns messages of the bus, in their order, into what Foxglove shows."""
+    """Translates messages of the bus, in their order, into messages for Foxglove."""
 
     def __init__(self) -> None:
         self._wheels: dict[tuple[str, str], _Wheel] = {}
 
     def translate(self, key: str, payload: bytes) -> list[EncodedMessage]:
-        """Return what Foxglove shows of one message, nothing of an unknown kind.
+        """Return the messages for Foxglove of one message, none for an unknown kind.
 
         Raises
         ------
         InputError
-            If the key or the message is none of ours.
+            If the key is not one of the bus, or the message is invalid.
         """
         spacecraft, name, kind = messages.split_key(key)
         if kind not in messages.KINDS:
@@ -110,7 +110,7 @@ def _time_ns(message: Message, wheel: _Wheel) -> int:
 
 
 def _beside(message: Message, wheel: _Wheel) -> Iterator[EncodedMessage]:
-    """Give what goes out beside a message."""
+    """Yield the additional messages of a message."""
     if isinstance(message, SamplesMessage):
         yield from _telemetry(message, wheel)
     elif isinstance(message, Changepoints):
@@ -125,7 +125,7 @@ def _beside(message: Message, wheel: _Wheel) -> Iterator[EncodedMessage]:
             content = _stamp(message.window_end_ns) | {"active": anomaly.active} | values
             yield EncodedMessage(f"{wheel.key}/{PART}/{name}", "rwa.Part", dump_json(content), message.window_end_ns)
         level, text = VERDICT_LEVELS[message.verdict], message.reason
-        if message.data or wheel.name.endswith(messages.REPLAY):  # nothing to be done about it now
+        if message.data or wheel.name.endswith(messages.REPLAY):  # no action is required
             level, text = LogLevel.INFO, f"{message.data or 'replayed'} data: {text}"
         yield _log(wheel, level, text, message.window_end_ns)
     elif isinstance(message, Discrepancy):
@@ -141,7 +141,7 @@ def _beside(message: Message, wheel: _Wheel) -> Iterator[EncodedMessage]:
 
 
 def _telemetry(message: SamplesMessage, wheel: _Wheel) -> Iterator[EncodedMessage]:
-    """Give one message for each sample, with what was measured."""
+    """Yield one message for each sample, with its measured values."""
     measured = {name: values for name in CHANNELS if (values := getattr(message, name)) is not None}
     for i, time_ns in enumerate(message.time_ns):
         found = ((name, values[i]) for name, values in measured.items())
@@ -150,7 +150,7 @@ def _telemetry(message: SamplesMessage, wheel: _Wheel) -> Iterator[EncodedMessag
 
 
 def _alarms(states: dict[str, HealthAlarm], wheel: _Wheel, time_ns: int) -> Iterator[EncodedMessage]:
-    """Give a line for each alarm that is not as it was."""
+    """Yield a log line for each alarm that changed."""
     for name, alarm in states.items():
         if alarm != wheel.alarms.get(name):
             by = f" by {alarm.acknowledged_by}" if alarm.acknowledged_by else ""
@@ -202,7 +202,7 @@ def schemas() -> dict[str, dict[str, Any]]:
 
 
 def _readable(schema: dict[str, Any], definitions: dict[str, Any]) -> dict[str, Any] | None:
-    """Return what Foxglove understands of a schema: references resolved, null and maps left out; None of nothing."""
+    """Return the part of a schema that Foxglove supports, with references resolved; None if there is none."""
     if "$ref" in schema:
         return _readable(definitions[schema["$ref"].rsplit("/", 1)[-1]], definitions)
     if "anyOf" in schema:
@@ -221,16 +221,16 @@ def _readable(schema: dict[str, Any], definitions: dict[str, Any]) -> dict[str, 
 
 # ---- the layout ------------------------------------------------------------------------------------------------------
 
-# Of one wheel, with the signs that stand for its key, its number and a part of its friction.
+# Layout of one wheel, with placeholders for its key, its number and a part of its friction.
 LAYOUT_OF_A_WHEEL: Final = Path(__file__).with_name("foxglove_layout.json")
-# A colour for each part that colour-blind people can distinguish (Okabe and Ito 2008).
+# Colours of the parts, distinguishable with colour blindness (Okabe and Ito 2008).
 COLOURS: Final = ("#0072b2", "#e69f00", "#009e73", "#cc79a7", "#56b4e9", "#d55e00")
 
 
 class Seen:
-    """What a layout shows: the wheels by their keys, and the parts of the friction of each, in the order they came.
+    """The content of a layout: the wheels by their keys, and the parts of each wheel's friction, in order of arrival.
 
-    `paths` are the fields that hold something, as Foxglove's message paths.
+    `paths` are the fields that have values, as Foxglove's message paths.
     """
 
     def __init__(self) -> None:
@@ -238,13 +238,13 @@ class Seen:
         self.paths: set[str] = set()
 
     def add(self, views: Iterable[EncodedMessage]) -> None:
-        """Take in what Foxglove is shown."""
+        """Add the wheels, parts and fields of messages for Foxglove."""
         for view in views:
             *key, kind = view.topic.split("/", 3)
             parts = self.wheels.setdefault("/".join(key), {})
             if kind.startswith(f"{PART}/"):
                 parts[kind.removeprefix(f"{PART}/")] = None
-            if kind != SamplesMessage.kind:  # of its arrays nothing is drawn
+            if kind != SamplesMessage.kind:  # its arrays are not plotted
                 self.paths.update(f'"{view.topic}".{name}' for name in json.loads(view.payload))
 
 

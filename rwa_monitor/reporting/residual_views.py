@@ -1,10 +1,10 @@
-"""Views of a residual: what the model leaves, drawn against each quantity that a missing effect could follow.
+"""Views of a model's residual against each quantity on which a missing effect could depend.
 
 Each view is data for a plot and a test: the means (or spreads) of the residual in bins, and the probability that they
-scatter as much by chance. The same bins are used for the base and the extended model, so that a reader sees the gain.
+scatter as much by chance. The bins are the same for the base and the extended model, so that the two can be compared.
 
-The base model's residual is taken with the *extended* model's jumps: with its own, false jumps have already swallowed
-part of what is to be seen.
+The base model's residual is taken with the *extended* model's jumps: with its own, false jumps would already have
+fitted part of the missing effect.
 """
 
 from collections.abc import Callable
@@ -21,16 +21,16 @@ from rwa_monitor.wheel.effects.base import Channels
 
 BINS: Final = 24  # of equal counts
 MIN_PER_BIN: Final = 12  # samples; fewer make no mean
-SLEW_SHARE: Final = 0.5  # of the largest |dω/dt|: from there on the wheel slews
+SLEW_SHARE: Final = 0.5  # of the largest |dω/dt|, above which the wheel slews
 LAGS: Final = 40  # slots of the autocorrelation
 JUMP_RATE_BINS: Final = 8
-FAR: Final = 4.0  # standard deviations, beyond which samples are counted for the test of the tails
+FAR: Final = 4.0  # standard deviations beyond which samples are counted in the test of the tails
 
 
 class Curve(NamedTuple):
     """One model's residual in a view: bin centres, values and their standard errors, and the test's p-value.
 
-    `expected` is what an adequate model would give: one value, or one for each x.
+    `expected` is the value for an adequate model: one, or one for each x.
     """
 
     x: FloatArray
@@ -48,8 +48,8 @@ class View(NamedTuple):
     extended: Curve
 
 
-# What draws one model's residual (s·torque [N m], float64 (n,)): of records and their extended model, the residual and
-# its model; None where the records do not allow it.
+# Computes the curve of one model's residual (s·torque [N m], float64 (n,)), from the records, their extended model, the
+# residual and its model; None where the records do not allow it.
 Draw = Callable[[Problem, Model, FloatArray, Model], Curve | None]
 
 
@@ -74,14 +74,14 @@ def all_views(problem: Problem, base: Model, extended: Model) -> list[View]:
 
 
 def base_residual(problem: Problem, extended: Model) -> FloatArray:
-    """Return what the base law leaves with the extended model's jumps, s·torque [N m], float64 (n,)."""
+    """Return the base law's residual with the extended model's jumps, s·torque [N m], float64 (n,)."""
     design = problem.speed[:, None]
     slope = least_squares(problem, design, extended.fit.jumps)
     return remove_levels(problem.z - design @ slope, segment_starts(problem, extended.fit.jumps))
 
 
 def _chance(deviations: FloatArray) -> float:
-    """Return the probability that standardised deviations are as large by chance (χ²; one is lost to their mean)."""
+    """Return the probability that standardised deviations are as large by chance (χ²; one degree lost to the mean)."""
     return float(stats.chi2.sf(np.sum(deviations**2), max(deviations.size - 1, 1)))
 
 
@@ -95,7 +95,7 @@ def _period_s(problem: Problem) -> float:
 def binned(problem: Problem, quantity: FloatArray, residual: FloatArray) -> Curve:
     """Return the residual's means in bins of equal count and the χ² test that all are zero.
 
-    The noise of a mean is taken from the long-run variance, so that coloured noise does not pass for structure.
+    The standard error of a mean is from the long-run variance, so that autocorrelated noise does not mimic structure.
     """
     known = np.isfinite(quantity)
     quantity, residual = quantity[known], residual[known]
@@ -111,7 +111,7 @@ def binned(problem: Problem, quantity: FloatArray, residual: FloatArray) -> Curv
 
 
 def _over(quantity: Callable[[Channels], FloatArray | None], *, along: bool = True) -> Draw:
-    """Return what draws a view over a quantity of the channels; the residual is taken along the rotation or not."""
+    """Return the function of a view over a quantity of the channels; `along`: with the residual along the rotation."""
 
     def draw(problem: Problem, _: Model, residual: FloatArray, __: Model) -> Curve | None:
         per_record = [values for record in problem.records if (values := quantity(record.channels)) is not None]
@@ -132,7 +132,7 @@ def _time_since_slew(channels: Channels) -> FloatArray | None:
 
 
 def _since_jump(problem: Problem, extended: Model, residual: FloatArray, _: Model) -> Curve:
-    """Show the residual after a jump, in the direction of the jump; before a record's first jump nothing is shown."""
+    """Return the residual after a jump, times the jump's sign; without the part before a record's first jump."""
     jumps, level = extended.fit.jumps, extended.fit.level
     here = np.arange(problem.size)
     number = np.searchsorted(jumps, here, side="right")
@@ -198,7 +198,7 @@ def _jump_rate(problem: Problem, extended: Model, _: FloatArray, model: Model) -
 
 
 def _durations(problem: Problem, extended: Model, _: FloatArray, model: Model) -> Curve | None:
-    """Show the distribution of times between jumps against a memoryless law of the same mean."""
+    """Return the survival function of the times between jumps, with that of a memoryless law of the same mean."""
     if extended.fit.jumps.size < MIN_PER_BIN:
         return None
 
@@ -214,7 +214,7 @@ def _durations(problem: Problem, extended: Model, _: FloatArray, model: Model) -
     return Curve(at, share, error, p_value, np.exp(-at / usual.mean()))
 
 
-# What draws each view, in the order of the page; its words stand in the template.
+# The function of each view, in the order of the page; titles and labels are in the template.
 VIEWS: Final[dict[str, Draw]] = {
     "speed": _over(lambda c: np.abs(c.speed_rad_s)),
     "signed_speed": _over(lambda c: c.speed_rad_s, along=False),
