@@ -22,26 +22,26 @@ def refine_nodes(nodes: IntArray, reach: IntArray, slope: float, variance: float
 def find_paths(
     scores: Scores, paths: int, margin: float, budget: int
 ) -> tuple[FloatArray, IntArray, IntArray, int, bool]:
-    """Find the best assignments, distinct: with a narrow beam for a good path, and then the best of all.
+    """Find the best distinct assignments: search with a narrow beam for a good path, then for the best of all.
 
     Parameters
     ----------
     scores
-        All that they depend on.
+        The tables of the score.
     paths
-        How many to return at most; the narrow beam is as wide.
+        Largest number to return; the narrow beam is as wide.
     margin
-        Paths further below the best than this are of no interest [log-likelihood]; some of these may be returned.
+        Paths further below the best than this may be pruned [log-likelihood], but some of them may be returned.
     budget
-        Extensions kept per candidate at most.
+        Largest number of extensions kept per candidate.
 
     Returns
     -------
     score, start, taken, states, pruned
         float64 (paths,), best first; int64 (paths, S) and (paths, m), configurations at the window's begin, and rows of
-        the action table at each candidate; entries expanded; whether the budget cut off what may have held a better
-        path. Where values are wild, and scores differ by millions, the full search may drop every path within its
-        budget; then the path of the narrow beam.
+        the action table at each candidate; entries expanded; whether the budget cut extensions that may have held a
+        better path. With extreme values, where scores differ by millions, the budget of the full search may cut every
+        path; then the path of the narrow beam is returned.
     """
 
 def add_up_laws(scores: Scores, start: IntArray, taken: IntArray, /) -> float: ...
@@ -56,7 +56,7 @@ def weigh(
     variance: float,
     scatter: float,
 ) -> tuple[SwitchingPath, IntArray, IntArray, IntArray, FloatArray, float, float]:
-    """Weigh a path by its full likelihood.
+    """Compute the full likelihood of a path.
 
     Parameters
     ----------
@@ -67,14 +67,15 @@ def weigh(
     slots
         Length of the window.
     cases
-        What is known before it, see `friction_model.prior_tables`.
+        The prior, see `friction_model.prior_tables`.
     variance, scatter
         See `friction_model.solve`.
 
     Returns
     -------
     path, system, direction, borders, statistics, log_evidence, score
-        Who jumped when, see `stage_results.SwitchingPath`; int64 (m, 2), who jumped at each candidate and which way:
-        REJECTED or UNATTRIBUTED alone, REJECTED in second place; slots at which the path's segments begin and end, and
-        their statistics; the samples' log-likelihood, and the same with the laws'.
+        See `stage_results.SwitchingPath`; int64 (m, 2), up to two systems that jump at each candidate, and their
+        directions: in first place also REJECTED or UNATTRIBUTED, in second place REJECTED if there is none; slots at
+        which the path's segments begin and end, and their statistics; the samples' log-likelihood, without and with
+        that of the laws.
     """

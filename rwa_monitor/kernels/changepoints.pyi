@@ -3,13 +3,13 @@ from rwa_monitor.changepoints.running_sums import SumArrays
 from rwa_monitor.samples import FloatArray, IntArray
 
 def contrast(k: int, w: int, slope: float, weight: float, sums: SumArrays) -> tuple[float, float]:
-    """Return the wGLR's statistic [torque²] and jump at slot k and scale w, with any centre and weight of the slope.
+    """Return the wGLR's statistic [torque²] and jump at slot k and scale w, for any centre and weight of the slope.
 
-    Both 0 where a half has no used sample.
+    Both are 0 where a half has no used sample.
     """
 
 def refine_in_colour(k: int, low: int, high: int, reach: int, slope: float, correlation: float, sums: SumArrays) -> int:
-    """Return the most likely slot of a jump near k where the noise is AR(1).
+    """Return the most likely slot of a jump near k in AR(1) noise.
 
     The levels are those of [low, k) and [k, high); slots within `reach` of k are tried.
     """
@@ -26,18 +26,18 @@ def choose(
     prior_mean: float,
     prior_std: float,
 ) -> tuple[IntArray, IntArray, FloatArray, FloatArray]:
-    """Estimate the slope and choose among the peaks of all scales in turns, until both agree.
+    """Alternately estimate the slope and choose among the peaks of all scales, until the choice does not change.
 
     Parameters
     ----------
     peak_index, peak_scale, peak_statistic
-        (P,), of the peaks above their thresholds; they are tried narrow scales and large statistics first.
+        (P,), of the peaks above their thresholds; narrow scales and large statistics are tried first.
     slots, sums
-        Of the window, and its running sums, which hold all slots.
+        Length of the window, and its running sums over all slots.
     threshold
-        What a jump must clear.
+        Thresholds of a jump.
     correlation
-        φ of AR(1) noise, see `ar_coefficient`; 0 where it is not like that.
+        φ of AR(1) noise, see `ar_coefficient`; 0 where the noise is not AR(1).
     variance, prior_mean, prior_std
         See `slope_within`.
 

@@ -1,7 +1,7 @@
-"""Effects with memory: recursions over slots, one by one, so that a record cut into pieces gives the same bits.
+"""Effects with memory: recursions slot by slot, so that a record evaluated in pieces gives the same bits.
 
-`state` goes on from piece to piece and is changed in place. At a slot that is not usable, the state is held, as if no
-time had passed, and the next usable slot goes on from there. `values` and `speed_rad_s` are float64 (n,), `usable` is
+`state` is carried from piece to piece and changed in place. At a slot that is not usable, the state is held, as if no
+time had passed, and the next usable slot continues from it. `values` and `speed_rad_s` are float64 (n,), `usable` is
 bool (n,), results are float64 (n,).
 """
 
@@ -12,19 +12,19 @@ def dahl_bristle(
 ) -> FloatArray:
     """Integrate Dahl's bristle dz/dt = ω - |ω| z / z_c by its exact step in angle; ω is linear between slots.
 
-    Explicit Euler steps would be unstable as soon as one slot turns the wheel by more than 2 z_c, which is always so at
-    speed. In angle the solution is an exponential, and a slot in which ω changes sign is two of them. `scale_rad` is
-    z_c; `state` is z/z_c and the last ω, NaN at the start, when the bristle is taken as fully deflected. Returns z/z_c
-    in [-1, 1], NaN before the first usable slot.
+    Explicit Euler steps would be unstable where the wheel turns by more than 2 z_c in a slot, as it does except near
+    zero speed. In angle the solution is an exponential, and a slot in which ω changes sign has two. `scale_rad` is z_c;
+    `state` is z/z_c and the last ω, NaN at the start, when the bristle is taken as fully deflected. Returns z/z_c in
+    [-1, 1], NaN before the first usable slot.
     """
 
 def first_order_lag(
     values: FloatArray, usable: BoolArray, period_s: float, time_constant_s: float, state: FloatArray
 ) -> FloatArray:
-    """Follow `values` with a first-order lag, dx/dt = (u - x)/τ, exact for values that are linear between slots.
+    """Filter `values` u by a first-order lag, dx/dt = (u - x)/τ, exact for values that are linear between slots.
 
-    At the start of a record x equals u: the wheel has run at that speed for long. `state` is x and the last u, NaN at
-    the start. Returns x, NaN before the first usable slot.
+    At the start of a record x equals u (steady state). `state` is x and the last u, NaN at the start. Returns x, NaN
+    before the first usable slot.
     """
 
 def time_since(
@@ -42,10 +42,10 @@ def forward(
     off: float,
     probability: FloatArray,
 ) -> float:
-    """Return the log-likelihood of bursts but for its constant; write each slot's probability given the past.
+    """Return the log-likelihood of bursts up to a constant; write each slot's probability of a burst given the past.
 
-    `squares` is NaN where a slot does not count; `quiet` and `shaking` are logarithms of scales. Outside the band both
-    states look alike, and the chain goes on unseen.
+    `squares` is NaN where a slot is not used; `quiet` and `shaking` are logarithms of scales. Outside the band both
+    states have the same density, and the chain continues without observations.
     """
 
 def smooth(probability: FloatArray, on: float, off: float) -> None:

@@ -9,7 +9,7 @@ SMALLEST_WEIGHT: Final[float]
 SPEED_NOISES: Final[float]
 
 # motion, x, z, good, used, (slots,): the samples, normalised, |ω| first (the same array as x where viscous friction is
-# in proportion to it); which are good, and which of those are used. Running sums, see `RunningSums`; sums and pairs of
+# proportional to it); which are good, and which of those are used. Running sums, see `RunningSums`; sums and pairs of
 # the noise's blocks, see `kernels.noise.block_differences`; structure.
 _WindowArrays = tuple[
     FloatArray,
@@ -25,12 +25,12 @@ _WindowArrays = tuple[
 ]
 
 class Window:
-    """A window: arrays that are filled in place, and must not be replaced while it is in use; what it learns of itself.
+    """A window: arrays that are filled in place, and must not be replaced while it is in use, and its own estimates.
 
     Parameters
     ----------
     arrays, settings
-        What to fill, and how slots are taken.
+        The arrays to fill, and the settings of normalisation and detection.
     scales
         int64 (S,), half-widths [slots], ascending.
 
@@ -39,7 +39,7 @@ class Window:
     variances
         float64 (S,), of the contrast of each scale; NaN where it is not known.
     quantiles
-        Of the narrowest scale's statistic, see `kernels.noise.quantiles_of`; NaN until the first chunk is there.
+        Of the narrowest scale's statistic, see `kernels.noise.quantiles_of`; NaN until the first chunk is complete.
     reported
         Of the jumps that became certain in the last call of `gather`: int64 slots; float64 jumps, their standard
         deviations, and the normalised statistics.
@@ -60,29 +60,29 @@ class Window:
         done: int,
         last: bool,
     ) -> tuple[int, int, int, bool]:
-        """Take new slots into the window, and detect in all that are there.
+        """Add new slots to the window, and run the detection up to the last complete block.
 
         Parameters
         ----------
         speed, torque, good
-            (n,), the new slots as they were measured.
+            (n,), the new slots as measured.
         viscous_speed
-            (n,), what viscous friction is in proportion to; empty where that is the speed.
+            (n,), to which viscous friction is proportional; empty where that is the speed.
         filled, done
-            Slots that the window holds, and those in which it has detected.
+            Slots that the window holds, and slots already scanned.
         last
-            Whether no slot will follow: else the last ones wait until a block is full, the first until a chunk
+            Whether no slot will follow: otherwise the last ones wait until a block is full, the first until a chunk
             is.
 
         Returns
         -------
         tuple[int, int, int, bool]
-            How many of the new slots are good, where detection ended, how many jumps it reports, and whether it ended
-            early: the tails of the noise look heavy; `set_outlier` is to be called, and this again, without a slot.
+            Number of good new slots, end of the detection, number of jumps reported, and whether it ended early
+            because the noise is heavy-tailed: then call `set_outlier`, and this again without new slots.
         """
 
     def set_outlier(self, outlier: float, sure_outlier: float) -> None:
-        """Set the largest outlier by chance, and the size from which one is reported at once; normalised."""
+        """Set the largest outliers by chance, for keeping peaks and for reporting jumps at once; normalised."""
 
     def noise(self, done: int) -> tuple[FloatArray, FloatArray, FloatArray, tuple[float, float, float]]:
         """Return the noise of the slots [0, done).

@@ -10,12 +10,12 @@ def solve_cases(
     variance: float,
     scatter: float,
 ) -> tuple[float, FloatArray, FloatArray, FloatArray, IntArray]:
-    """Condition the prior of each case on the segments of a path, and mix what comes out.
+    """Condition the prior of each case on the segments of a path, and return the mixture of the posteriors.
 
     Parameters
     ----------
     path
-        Who jumped when.
+        The sojourns of all systems, and the unattributed jumps.
     borders
         int64 (segments + 1,), slots at which segments begin and end.
     statistics
@@ -28,8 +28,8 @@ def solve_cases(
     Returns
     -------
     log_evidence, mean, std, covariance, column
-        Of the mixture; the unknowns are base, friction of each sojourn where it is not 0 by law, unattributed jumps,
-        and the slope. int64 (all sojourns,), column of each sojourn's friction, -1 where it is 0 by law.
+        Of the mixture; the unknowns are base friction, friction of each sojourn where it is not 0 by law, unattributed
+        jumps, and the slope. `column`, int64 (all sojourns,), of each sojourn's friction; -1 where it is 0 by law.
     """
 
 def evidence_of_cases(

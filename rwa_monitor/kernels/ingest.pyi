@@ -22,7 +22,7 @@ def assign_slots(
     slots: IntArray,
     ahead: BoolArray,
 ) -> tuple[int, int, int]:
-    """Give samples their slots, as `SlotGrid.slot_of`, and mark which of them are ahead of all before.
+    """Assign samples to slots, as `SlotGrid.slot_of`, and mark those later than all before.
 
     Parameters
     ----------
@@ -31,16 +31,16 @@ def assign_slots(
     origin_ns, period_ns
         Of the grid.
     frontier, window_slots, passed
-        As `OrderGuard` has them. The piece ends before a clock step.
+        As in `OrderGuard`. The piece ends before a clock step.
     furthest
-        The piece ends before a slot beyond, too, but holds one sample at least.
+        The piece also ends before a slot beyond this one, but has at least one sample unless a clock step comes first.
     slots, ahead
-        int64 and bool (n,), output in the piece's part.
+        int64 and bool (n,), output for the samples of the piece.
 
     Returns
     -------
     tuple[int, int, int]
-        How many samples belong to the piece, how many of them are ahead, and how many of those are good.
+        Number of samples in the piece, how many of them are ahead, and how many of those are good.
     """
 
 def judge(
@@ -51,4 +51,4 @@ def judge(
     kind: NDArray[np.int8],
     since: IntArray,
 ) -> bool:
-    """Return whether `slots.Channel.judge` finds anything; `state` goes on; sets `kind`, `since`, zeros."""
+    """Return whether `slots.Channel.judge` finds a fault; updates `state`; sets `kind` and `since`, zeros on entry."""

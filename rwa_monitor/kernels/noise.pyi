@@ -13,7 +13,7 @@ CHI_MEDIAN: Final[float]
 GAUSSIAN_RATIO: Final[float]
 
 def lean(measured: float, borrowed: float, independent: float) -> float:
-    """Return a scale's variance, measured on so many independent contrasts, leaning on the next narrower scale's."""
+    """Return a variance from so many independent contrasts, shrunk to the next narrower scale's (`borrowed`)."""
 
 def scale_variances(histogram: IntArray, scales: IntArray, start_variance: float) -> FloatArray:
     """Estimate the variance of each scale's contrast from the histogram of its statistic.
@@ -29,8 +29,8 @@ def scale_variances(histogram: IntArray, scales: IntArray, start_variance: float
 
     Returns
     -------
-    float64 (S,), v with statistic / v ~ χ² with one degree of freedom. With few independent contrasts it leans on the
-    next narrower scale's (the narrowest: on `start_variance`). NaN where nothing was counted and nothing is known.
+    float64 (S,), v with statistic / v ~ χ² with one degree of freedom. With few independent contrasts it is shrunk to
+    the next narrower scale's (the narrowest: to `start_variance`). NaN without any count or start value.
     """
 
 def block_differences(
@@ -56,13 +56,13 @@ def block_differences(
     hop
         Slots from one block to the next.
     slope, weight
-        Prior of the block's own slope, which is taken out: a slew is not noise.
+        Prior of the block's own slope, which is subtracted: a slew is not noise.
     sums, pairs
         Outputs: float64 (B, LAGS), sum of (e_{k+l} - e_k)²/2 and number of pairs of used samples.
     """
 
 def quiet_levels(sums: FloatArray, pairs: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Average the block differences, see `block_differences`, over the full blocks that do not stand out upwards.
+    """Average the block differences, see `block_differences`, over the full blocks, without those of high variance.
 
     Returns
     -------
@@ -73,13 +73,13 @@ def quiet_levels(sums: FloatArray, pairs: FloatArray) -> tuple[FloatArray, Float
 def contrast_variances(levels: FloatArray, scales: IntArray) -> FloatArray:
     """Return the variance v of each scale's contrast that the levels of `quiet_levels` imply, float64 (S,).
 
-    The weights of a contrast, -1/w and +1/w w times each, add up to nothing, so its variance needs only γ(0) - γ(l):
-    with r(l) their correlation, v = -w Σ r(l) (γ(0) - γ(l)) over l ≥ 1. 0 where it is longer than the lags reach, or
-    nothing is known.
+    The weights of a contrast, -1/w and +1/w w times each, add up to zero, so its variance needs only γ(0) - γ(l):
+    with r(l) their autocorrelation, v = -w Σ r(l) (γ(0) - γ(l)) over l ≥ 1. 0 where the contrast is longer than the
+    lags, or a level is not known.
     """
 
 def quantiles_of(counts: IntArray) -> tuple[float, float, float]:
-    """Return how many statistics a scale's histogram, int64 (BINS,), holds, their median and their 99.5 % quantile."""
+    """Return the number of statistics in a scale's histogram, int64 (BINS,), their median and 99.5 % quantile."""
 
 def are_heavy(quantiles: tuple[float, float, float], variance: float) -> bool:
     """Return whether tails are heavier than a Gaussian's; parameters as those of `noise.largest_outlier`."""

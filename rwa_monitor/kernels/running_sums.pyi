@@ -10,8 +10,8 @@ STRETCH: Final[int]
 def extend_sums(arrays: SumArrays, running: FloatArray, start: int, stop: int) -> None:
     """Add the slots [start, stop) to the running sums and keep them at every checkpoint passed, in place.
 
-    `running`, float64 (6,), are the centred sums over [0, start); over [0, stop) afterwards. Sums that hold nothing yet
-    are centred on the medians of the first used slots.
+    `running`, float64 (6,), are the centred sums over [0, start); over [0, stop) afterwards. Empty sums are centred on
+    the medians of the first used slots.
     """
 
 def range_moments(start: IntArray, stop: IntArray, slots: int, arrays: SumArrays, out: FloatArray) -> bool:
@@ -38,10 +38,10 @@ def slope_within(
     index
         int64 (m,), changepoints, ascending.
     exclude
-        int64 (m,), slots left out on each side of each changepoint (Δk_error of the paper). At least half of every
-        interval stays: it gives at most a quarter of its slots at each end, and all count where no other is used.
+        int64 (m,), slots left out on each side of each changepoint (Δk_error of the paper), at most a quarter of an
+        interval at each end. Where the rest has no used slot, the whole interval is used.
     variance
-        Of the noise in the long run.
+        Long-run variance of the noise.
     prior_mean, prior_std
         Of the slope; NaN where nothing is known.
     """
@@ -67,13 +67,13 @@ def extend_structure(
     Parameters
     ----------
     motion, x, z, good, used
-        The whole window, (slots,) each, filled up to `stop`: |ω|, and what viscous friction is in proportion to.
+        The whole window, (slots,) each, filled up to `stop`: |ω| first, then the speed of the viscous friction.
     start, stop
         The new slots.
     certain
-        |ω|, normalised, from which its sign is certain.
+        |ω|, normalised, above which its sign is certain.
     angle_per_x, hop
         As `angle_per_x` and `stretch_hop` of `WindowSettings`.
     arrays
-        What they are added to; not their directions.
+        Updated, but for the signs and their counts.
     """

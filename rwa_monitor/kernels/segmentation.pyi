@@ -10,7 +10,7 @@ def segment_sums(running: FloatArray, penalty: float) -> IntArray:
     """Segment a sequence from its running sums, float64 (n + 1,), n ≥ 1; `penalty` is the cost of one jump."""
 
 def optimal_curves(sums: FloatArray, keep: FloatArray, penalty: float) -> IntArray:
-    """Return the first block of each segment but the first: of a level, or of a level and a multiple of x.
+    """Return the first block of each segment but the first; a segment is a level, or a level and a multiple of x.
 
     Parameters
     ----------
@@ -19,5 +19,5 @@ def optimal_curves(sums: FloatArray, keep: FloatArray, penalty: float) -> IntArr
     keep
         float64 (blocks,), factor from the x of a block to that of the next: 1 where x is the same from any start.
     penalty
-        Cost of one more level; a multiple of x costs as much again.
+        Cost of one more segment; a multiple of x costs the same in addition.
     """

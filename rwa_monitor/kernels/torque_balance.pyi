@@ -28,7 +28,7 @@ def rounding_error(
     noise_gain
         Standard deviation of the derived friction per that of the speed.
     least_Nm, least_share
-        Smaller errors are left: least_Nm or, where that is NaN, least_share of the friction there.
+        Smaller errors are ignored: least_Nm or, where that is NaN, least_share of the friction there.
     reach, soft
         Slots to either side in which the speed must bend; as for the public function.
     """

@@ -1,18 +1,18 @@
 """The windowed generalised likelihood ratio (paper, section IV-A), at several scales, from short running sums.
 
 For a scale w the two hypotheses at slot k are one dry level over [k-w, k+w), or one over each half; both share a
-slope with the Gaussian prior W_b (f_v - f̃_v)². With e = z - f̃_v x, and means and centred sums per half, the fall of
-the penalised squared error is exactly (errata 3)
+slope with the Gaussian prior W_b (f_v - f̃_v)². With e = z - f̃_v x, and means and centred sums per half, the decrease
+of the penalised squared error is exactly (errata 3)
 
     statistic = jump² · λ,   jump = ē₂ - ē₁ - (x̄₂ - x̄₁) S_xe / (S_xx + W_b),
                              1/λ  = 1/n₁ + 1/n₂ + (x̄₂ - x̄₁)² / (S_xx + W_b),
 
 in units of torque²; S_xx and S_xe are pooled over the halves, n₁ and n₂ count the used samples in them.
 
-The sums of a range are differences of prefix sums over a short stretch of slots, which begin anew, with a new centre,
-at every CHUNK-th slot of the window: the cost of a slot does not depend on the window, and rounding does not build
-up. Every value is computed from the same prefix sums by the same operations however the slots are cut, so streaming
-and batch agree to the last bit.
+The sums of a range are differences of prefix sums over a short segment of slots, which restart, with a new centre, at
+every CHUNK-th slot of the window: the cost of a slot does not depend on the window's length, and rounding does not
+accumulate. Every value is computed from the same prefix sums by the same operations, however the slots are split, so
+streaming and batch agree to the last bit.
 """
 
 from typing import Final
@@ -27,7 +27,7 @@ BINS_PER_OCTAVE: Final[int]
 LOWEST_EXPONENT: Final[int]
 
 class Detector:
-    """The detection in a window as far as it was scanned; `scales` int64 (S,), half-widths [slots], ascending."""
+    """The state of the detection in a window; `scales` int64 (S,), half-widths [slots], ascending."""
 
     def __init__(self, scales: IntArray) -> None: ...
     def scan(
@@ -47,7 +47,7 @@ class Detector:
         x, z, used
             (slots,), the window's samples; read from 2 · MAX_SCALE slots before `start` on.
         start, stop
-            The new slots; both multiples of BLOCK, but for a window's last slot. The statistic of scale w is evaluated
+            The new slots; both multiples of BLOCK, except at the window's end. The statistic of scale w is evaluated
             at k = t - w for every new t, the end of its right half.
         counting
             Whether to add to the histogram (not when slots are scanned a second time).
