@@ -1,15 +1,15 @@
-// Arrays at the border between Python and the kernels, and the few functions of numbers that stages share.
+// Arrays at the interface between Python and the kernels, and the few numeric functions that stages share.
 //
-// Array<T, N>   a view of a NumPy array that Python owns; const T is only read. It must be contiguous and of just this
-//               type: anything else is a TypeError, never a silent copy.
-// Table<T, N>   an array that a kernel makes; like a std::vector, it becomes a NumPy array when it is returned.
-// A struct with FIELDS is taken from the NamedTuple of that shape, and returned as a tuple.
+// Array<T, N>   a view of a NumPy array that Python owns; const T is only read. It must be contiguous and of exactly
+//               this type: anything else is a TypeError, never a silent copy.
+// Table<T, N>   an array that a kernel creates; like a std::vector, it becomes a NumPy array when it is returned.
+// A struct with FIELDS is converted from the NamedTuple with the same fields, and returned as a tuple.
 //
-// Kernels run without the interpreter's lock and check no index: what calls them does. `make sanitize` runs the tests
-// with every index checked, under AddressSanitizer.
+// Kernels run without the interpreter's lock and check no index: their callers do. `make sanitize` runs the tests with
+// every index checked, under AddressSanitizer.
 #pragma once
 
-#ifdef RWA_ONBOARD  // without Python, all memory from a block of fixed size
+#ifdef RWA_ONBOARD  // without Python, all memory comes from a block of fixed size
 #include "onboard/pool.hpp"
 #else
 #include <nanobind/nanobind.h>
@@ -44,7 +44,7 @@
 #define VECTORISED
 #endif
 
-// What such loops share is compiled into each of them.
+// Functions that such loops call are compiled into each of them.
 #define ALWAYS_INLINE [[gnu::always_inline]] inline
 
 #ifdef RWA_SANITIZE
@@ -53,11 +53,11 @@
 #define REQUIRE(condition) void()
 #endif
 
-// The members of a struct that is a NamedTuple in Python, in their order.
+// The members of a struct, in the order of the fields of its NamedTuple in Python.
 #define FIELDS(...) \
     auto fields() { return tie(__VA_ARGS__); }
 
-// A stage: its functions and numbers, by their own names.
+// A stage: exports its functions and constants under their C++ names.
 #ifdef RWA_ONBOARD
 #define STAGE(stage, ...)
 #else
@@ -82,7 +82,7 @@ using vector = std::vector<T, Pooled<T>>;
 using std::vector;
 #endif
 
-// The whole numbers from `first` up to `last`, without it.
+// The integers from `first` to `last`, exclusive.
 constexpr auto range(int64_t first, int64_t last) { return std::views::iota(first, max(first, last)); }
 constexpr auto range(int64_t count) { return range(0, count); }
 
@@ -93,7 +93,7 @@ struct Array {
 
     Array() = default;
     Array(T* first, const array<int64_t, N>& extents) : data(first), shape(extents) {}
-    // Of a vector.
+    // View of a vector.
     template <typename Values>
     Array(Values& values) requires(N == 1) && std::convertible_to<decltype(values.data()), T*>
         : Array(values.data(), {static_cast<int64_t>(values.size())}) {}
@@ -160,7 +160,7 @@ struct Table : Array<T, N> {
 using NewMatrix = Table<double, 2>;
 using NewCube = Table<double, 3>;
 
-// The mean of the two values in the middle, as numpy.median, in linear time; the values are reordered.
+// The median, as numpy.median, in linear time; the values are reordered.
 inline double median_in_place(vector<double>& values) {
     const size_t n = values.size(), half = n / 2;
     nth_element(values, values.begin() + half);
@@ -169,13 +169,13 @@ inline double median_in_place(vector<double>& values) {
 }
 
 #ifndef RWA_ONBOARD
-// The name of each stage, and what binds it.
+// The name of each stage, and the function that binds it.
 inline std::map<std::string, void (*)(nanobind::module_&)> stages;
 struct Stage {
     Stage(const char* name, void (*bind)(nanobind::module_&)) { stages[name] = bind; }
 };
 
-// Bind functions and numbers under their names, which stand in one text with ", " between them.
+// Bind functions and constants under their names, given as one text separated by ", ".
 template <typename... Values>
 void define(nanobind::module_& module, std::string_view names, Values... values) {
     const auto bind = [&](auto value) {
@@ -203,7 +203,7 @@ struct type_caster<rwa::Array<T, N>> {
     NB_TYPE_CASTER(View, make_caster<Held>::Name)
 
     bool from_python(handle source, std::uint8_t flags, cleanup_list* cleanup) noexcept {
-        // Without conversion: a copy of what a kernel writes to would be lost, one of what it reads hidden work.
+        // Without conversion: output written to a copy would be lost, and a copy of input would be a hidden cost.
         if (!held.from_python(source, flags & ~static_cast<std::uint8_t>(cast_flags::convert), cleanup)) return false;
         const Held& array = held.value;
         value.data = array.data();

@@ -1,12 +1,12 @@
-// Which candidates are jumps, and which switching system made each (see rwa_monitor/switching/assignment.py).
+// Assignment of candidates to jumps of switching systems, or to none (see rwa_monitor/switching/assignment.py).
 #include "detection.hpp"
 
 namespace rwa {
 namespace {
 
 enum : int64_t { REJECT, NO_SYSTEM };  // the first two rows of every table of actions
-constexpr int64_t STEPS = 6;           // that a system can take at a candidate, see `step_from`
-enum : int64_t { UNATTRIBUTED = -2, REJECTED };  // in place of a system: a changepoint of none; no changepoint
+constexpr int64_t STEPS = 6;           // of a system at a candidate, see `step_from`
+enum : int64_t { UNATTRIBUTED = -2, REJECTED };  // in place of a system: changepoint of no system; no changepoint
 
 // See assignment.Scores.
 struct Scores {
@@ -24,24 +24,24 @@ struct Scores {
            log_range, unattributed, unattributed_variance)
 };
 
-// Upper bounds of what can follow: the lower of `rest`, and of `rest_fit` with the `own` of all systems.
+// Upper bounds of the score that can follow: the lower of `rest`, and of `rest_fit` plus `own` of all systems.
 struct Bounds {
     NewMatrix rest;      // (m + 1, m + 1): fits and laws, last changepoint at i, candidates up to k decided
     NewMatrix rest_fit;  // without laws, less the prices of the jumps
-    Table<double, 4> own;       // (S, Q, m + 1, m + 1): a system's laws, with what it earns; sojourn begun at i
+    Table<double, 4> own;       // (S, Q, m + 1, m + 1): a system's laws plus the prices it earns; sojourn begun at i
 };
 
-// The most that a jump at each node can be worth [log density over the flat one that the fits assume].
+// Largest possible gain of a jump at each node [log density over the flat one that the fits assume].
 struct Worth {
     Table<double, 4> single;  // (S, Q, 2, m + 1): by its size, down or up from q; -inf where there is none
-    NewFloats twice;          // by its size, of one that two systems make at once
-    NewFloats alone;          // by its size, of one that no system makes
-    NewFloats with_law;       // of any, by its size and the best law
+    NewFloats twice;          // by its size, of a jump of two systems at once
+    NewFloats alone;          // by its size, of a jump of no system
+    NewFloats with_law;       // of any jump, by its size and the best law
 };
 
 struct Step {
     int64_t direction;      // 0 down, 1 up
-    int64_t skipped;        // a jump without a candidate before it: 0 none, 1 down, 2 up
+    int64_t skipped;        // a missed jump (without a candidate) before it: 0 none, 1 down, 2 up
     int64_t before, after;  // configurations
 };
 inline Step step_from(int64_t configuration, int64_t number) {
@@ -61,7 +61,7 @@ void each_step(IntegerMatrix actions, int64_t action, Visit visit) {
     }
 }
 
-// Configurations of all systems at the window's begin, by their number; the last system counts fastest.
+// Configurations of all systems at the window's begin, by their number; the last system varies fastest.
 inline NewIntegers start_of(int64_t number, Integers configurations) {
     NewIntegers start(configurations.size());
     for (int64_t s = configurations.size() - 1; s >= 0; number /= configurations[s--]) {
@@ -70,7 +70,7 @@ inline NewIntegers start_of(int64_t number, Integers configurations) {
     return start;
 }
 
-// log P of a sojourn of system s in q from one node to each other, and of the jump that was skipped at its end.
+// log P of a sojourn of system s in q from node `since` to each node, with the missed jump of `step`, if any.
 inline const double* sojourn_laws(const Scores& scores, int64_t s, int64_t q, int64_t since, const Step& step) {
     return step.skipped == 0 ? &scores.jump(s, q, since, 0) : &scores.missed(s, q, step.skipped - 1, since, 0);
 }
@@ -82,15 +82,15 @@ inline double size_term(const Scores& scores, int64_t k, double mean, double var
 }
 
 // ---- bounds ----------------------------------------------------------------------------------------------------------
-// Upper bounds of what can follow a partial assignment, of two kinds. The free bound: every jump has the best law and
-// the best size that any system could have there. The priced one is a Lagrangian relaxation (Fisher 1981, "The
+// Upper bounds of the score that can follow a partial assignment, of two kinds. The free bound: every jump has the best
+// law and the best size that any system could have there. The priced one is a Lagrangian relaxation (Fisher 1981, "The
 // Lagrangian relaxation method for solving integer programming problems", Management Science 27): levels and each
-// system are planned on their own, and the levels pay a price for their jump at a candidate, which a system that jumps
-// there earns. With any prices the separate optima add up to at least the joint one; under good ones the jumps of a
-// good path earn what they cost.
-constexpr double LEAST_WORTH = -5.0;  // of the size of a path's own jump: an odd one must not make all others free
+// system are optimised separately, and the levels pay a price for their jump at a candidate, which a system that jumps
+// there earns. For any prices the sum of the separate optima is an upper bound of the joint one; good prices balance
+// the gains and costs of the jumps of a good path.
+constexpr double LEAST_WORTH = -5.0;  // of the size of a path's own jump: limits the price of an improbable size
 
-// The most that `size_term` can be for any mean and at least this variance.
+// The largest `size_term` for any mean and at least this variance.
 double highest_size(const Scores& scores, int64_t k, double variance) {
     return size_term(scores, k, scores.size[k - 1], variance);
 }
@@ -106,18 +106,18 @@ void each_jump(int64_t configurations, Visit visit) {
     }
 }
 
-// What sizes are worth at most.
+// The largest possible gain of each jump by its size.
 Worth size_worth(const Scores& scores) {
     const auto [systems, configurations, nodes] = scores.stay.shape;
     Worth worth{Table<double, 4>({systems, configurations, 2, nodes}, -INFINITY), NewFloats(nodes), NewFloats(nodes),
                 NewFloats(nodes, scores.unattributed)};
-    double smallest = INFINITY;  // variance of a friction that moves at all
+    double smallest = INFINITY;  // smallest variance of a friction that is not fixed
     for (double variance : scores.law_variance) {
         if (variance > 0.0) smallest = min(smallest, variance);
     }
     for (int64_t k : range(1, nodes)) {
         worth.alone[k] = size_term(scores, k, 0.0, scores.unattributed_variance);
-        // Both of two may return to rest only where the level may fall; otherwise one of them takes up friction.
+        // Both of two systems may return to rest only where the level may fall; otherwise one of them adds friction.
         worth.twice[k] = highest_size(scores, k, scores.signs(k - 1, 0) || smallest == INFINITY ? 0.0 : smallest);
         for (int64_t s : range(systems)) {
             each_jump(scores.configurations[s], [&](int64_t q, int64_t direction, int64_t after) {
@@ -132,14 +132,14 @@ Worth size_worth(const Scores& scores) {
     return worth;
 }
 
-// Raise `highest` to the highest entry of each column above the diagonal.
+// Raise `highest` to the largest entry above the diagonal in each column.
 void raise(Vector<double> highest, FloatMatrix table) {
     for (int64_t i : range(table.shape[0])) {
         for (int64_t k : range(i + 1, table.shape[1])) highest[k] = max(highest[k], table(i, k));
     }
 }
 
-// Add the laws to the most that a jump at each node can be worth; return that by size alone.
+// Add the laws to the largest gain of a jump at each node (`with_law`); return the largest gain by size alone.
 NewFloats add_best_laws(const Scores& scores, Worth& worth) {
     const auto [systems, configurations, nodes] = scores.stay.shape;
     NewCube law({systems, configurations, nodes}, -INFINITY);
@@ -178,7 +178,7 @@ NewFloats add_best_laws(const Scores& scores, Worth& worth) {
     return size_only;
 }
 
-// The best sum of fits, and gains of accepted nodes, from node i to the end over candidates after k: (m + 1, m + 1).
+// The best sum of fits and of gains of accepted nodes, from node i to the end, over candidates after k: (m + 1, m + 1).
 NewMatrix best_rest(FloatMatrix fit, Floats gain) {
     const auto nodes = fit.shape[0] - 1;
     NewMatrix rest({nodes, nodes}, -INFINITY);
@@ -193,11 +193,11 @@ NewMatrix best_rest(FloatMatrix fit, Floats gain) {
     return rest;
 }
 
-// `own` of Bounds; earned, (S, Q, 2, m + 1), is what a jump from a configuration down or up adds at each node.
+// `own` of Bounds; earned, (S, Q, 2, m + 1), is the gain of a jump from a configuration down or up at each node.
 Table<double, 4> best_chains(const Scores& scores, Array<const double, 4> earned) {
     const auto [systems, configurations, nodes] = scores.stay.shape;
     Table<double, 4> own({systems, configurations, nodes, nodes}, -INFINITY);
-    NewMatrix begun({configurations, nodes}, -INFINITY);  // of a sojourn that begins at the node
+    NewMatrix begun({configurations, nodes}, -INFINITY);  // best score of a sojourn that begins at the node
     for (int64_t s : range(systems)) {
         for (int64_t i = nodes - 1; i >= 0; --i) {
             for (int64_t q : range(configurations)) {
@@ -222,8 +222,7 @@ Table<double, 4> best_chains(const Scores& scores, Array<const double, 4> earned
     return own;
 }
 
-// Prices under which the path's jumps cost their systems nothing on balance; where it rejects, no jump earns more than
-// it costs.
+// Prices that equal the costs of the path's jumps for their systems; where the path rejects, no jump has a net gain.
 NewFloats prices(const Scores& scores, const Worth& worth, Integers start, Integers taken) {
     NewFloats price;
     for (double most : worth.with_law) price.push_back(-most);
@@ -250,7 +249,7 @@ NewFloats prices(const Scores& scores, const Worth& worth, Integers start, Integ
 }
 
 
-// The bounds without prices, and what jumps are worth; every law term must be ≤ 0.
+// The bounds without prices, and the largest gains of jumps; every law term must be ≤ 0.
 tuple<Bounds, Worth> free_bounds(const Scores& scores) {
     Worth worth = size_worth(scores);
     const NewFloats size_only = add_best_laws(scores, worth);
@@ -260,14 +259,14 @@ tuple<Bounds, Worth> free_bounds(const Scores& scores) {
     return {move(bounds), move(worth)};
 }
 
-// Make the bounds `rest_fit` and `own` those with prices from a complete path: its start and the actions taken.
+// Recompute the bounds `rest_fit` and `own` with prices from a complete path: its start and the actions taken.
 void set_prices(const Scores& scores, const Worth& worth, Integers start, Integers taken, Bounds& bounds) {
     const NewFloats price = prices(scores, worth, start, taken);
     Table<double, 4> earned(worth.single.shape, -INFINITY);
     NewFloats paid(price.size());
     for (int64_t k : range(1, price.size())) {
         paid[k] = max(-price[k], scores.unattributed + worth.alone[k]);
-        // Two that jump at once earn twice, and share one size: each is taken to be worth half of it at least.
+        // Two systems that jump at once share one size and one price: each gains at least half of both.
         const double least = 0.5 * (worth.twice[k] - price[k]);
         for (int64_t s : range(scores.configurations.size())) {
             each_jump(scores.configurations[s], [&](int64_t q, int64_t direction, int64_t) {
@@ -283,8 +282,8 @@ void set_prices(const Scores& scores, const Worth& worth, Integers start, Intege
 }
 
 // ---- states ----------------------------------------------------------------------------------------------------------
-// Expanded candidate by candidate, merged, pruned by bounds. Sums are taken in a fixed order, so that results are the
-// same on every machine.
+// States are expanded candidate by candidate, merged, and pruned by bounds. Sums are computed in a fixed order, so that
+// results are the same on every machine.
 
 constexpr double ROUNDING = 1e-6;    // bounds and scores add up the same terms in different orders [log-likelihood]
 constexpr int64_t MOST_SYSTEMS = 8;  // of a wheel
@@ -309,11 +308,11 @@ struct Entry {
     array<double, MOST_SYSTEMS> mean{}, variance{};
 };
 
-// The entries kept as a tree, and those of complete paths, best first; how many entries were expanded, and the highest
-// bound of what the budget cut.
+// The kept entries as a tree, and those of complete paths, best first; the number of entries expanded, and the highest
+// bound of the extensions that the budget cut.
 struct Expansion {
     struct Node {
-        int64_t before, action;  // at the root the number of the start
+        int64_t before, action;  // at a root the number of the start
     };
     vector<Node> tree;
     vector<Entry> leaves;
@@ -331,22 +330,22 @@ struct Offer {
 struct Merged {
     State state;
     size_t kept = 0;
-    array<int64_t, MOST_KEPT + 1> best{};  // and one that is to go
+    array<int64_t, MOST_KEPT + 1> best{};  // and room for one to be dropped
 };
 
-// What a step of a system is worth: log-probability, change of its own bound, mean and variance of the jump.
+// A step of a system: log-probability, change of the system's own bound, mean and variance of the jump.
 struct Weighed {
     double law, own, mean, variance;
 };
 
-// What the systems may still do when candidates up to k are decided.
+// Upper bound of the systems' scores after candidates up to k are decided.
 double bound_of_systems(const Bounds& bounds, const State& state, int64_t systems, int64_t k) {
     double sum = 0.0;
     for (int64_t s : range(systems)) sum += bounds.own(s, state.configuration[s], state.since[s], k);
     return sum;
 }
 
-// Enter all configurations that the systems may be in at the window's begin.
+// Create an entry for each joint configuration at the window's begin whose bound reaches the cutoff.
 vector<Entry> enter(const Scores& scores, const Bounds& bounds, double cutoff, int64_t starts, Expansion& found) {
     const auto systems = scores.configurations.size();
     vector<Entry> entries;
@@ -368,7 +367,7 @@ vector<Entry> enter(const Scores& scores, const Bounds& bounds, double cutoff, i
     return entries;
 }
 
-// Weigh each step of each system, see `list_offers`; a law of -inf where it is impossible.
+// Compute each step of each system, see `list_offers`; a law of -inf where it is impossible.
 void weigh_steps(const Scores& scores, const Bounds& bounds, const Entry& entry, int64_t k, Weighed* steps) {
     for (int64_t s : range(scores.configurations.size())) {
         const int64_t q = entry.state.configuration[s], since = entry.state.since[s];
@@ -382,7 +381,7 @@ void weigh_steps(const Scores& scores, const Bounds& bounds, const Entry& entry,
             double law = sojourn_laws(scores, s, q, since, step)[k], mean = entry.mean[s], variance = entry.variance[s];
             if (step.skipped != 0) {
                 mean = scores.law_mean(s, step.before), variance = scores.law_variance(s, step.before);
-                const double hidden = mean - entry.mean[s];  // no candidate, so no change of level that could be seen
+                const double hidden = mean - entry.mean[s];  // no candidate, so no detectable change of level
                 law -= 0.5 * (hidden * hidden) / (variance + entry.variance[s] + scores.size_variance[k - 1]);
             }
             *steps = {law + scores.turn(s, step.before, step.direction), bounds.own(s, step.after, k, k) - now,
@@ -391,7 +390,7 @@ void weigh_steps(const Scores& scores, const Bounds& bounds, const Entry& entry,
     }
 }
 
-// List what may happen to each entry at candidate k and is within reach of the best.
+// List the extensions of each entry at candidate k whose bound reaches the cutoff.
 void list_offers(
     const Scores& scores, const Bounds& bounds, int64_t k, double cutoff, const vector<Entry>& entries,
     vector<Offer>& offers) {
@@ -429,7 +428,7 @@ void list_offers(
     }
 }
 
-// The state that an action at candidate k makes of one.
+// The state after an action at candidate k.
 State moved(const Scores& scores, State state, int64_t k, int64_t action) {
     if (action == REJECT) return state;
     state.last = k;
@@ -440,7 +439,7 @@ State moved(const Scores& scores, State state, int64_t k, int64_t action) {
     return state;
 }
 
-// Bring the first `room` offers that reach the cutoff together by state, and keep the best `kept` of each.
+// Group the first `room` offers that reach the cutoff by their state, and keep the best `kept` of each.
 void merge(
     const Scores& scores, int64_t k, double cutoff, size_t room, const vector<Entry>& entries,
     const vector<Offer>& offers, size_t kept, vector<Merged>& merged) {
@@ -460,15 +459,15 @@ void merge(
             merged.push_back({state});
         }
         auto& [same, count, best] = merged[places[at]];
-        size_t rank = count;  // after those that score as much
+        size_t rank = count;  // after those with an equal score
         for (; rank > 0 && offers[best[rank - 1]].score < score; --rank) best[rank] = best[rank - 1];
         best[rank] = offer;
         count = min(count + 1, kept);
     }
 }
 
-// Change the friction of each system by an action at candidate k. The jump's size gives the new friction: the law's
-// mean and variance are conditioned on it (a scalar Kalman step).
+// Update the friction of each system by an action at candidate k: the law's mean and variance of the new friction are
+// conditioned on the jump's size (a scalar Kalman step).
 void learn(const Scores& scores, const State& before, int64_t k, int64_t action, Entry& entry) {
     if (action == REJECT) return;
     double surprise = scores.size[k - 1], total = scores.size_variance[k - 1];
@@ -489,8 +488,8 @@ void learn(const Scores& scores, const State& before, int64_t k, int64_t action,
 }
 
 
-// Expand all states candidate by candidate. Dropped: extensions with a bound below the cutoff, and those past the
-// budget of a candidate, by their bound; `kept` entries are kept of each state.
+// Expand all states candidate by candidate. Extensions are dropped with a bound below the cutoff, and those of the
+// lowest bounds beyond the budget of a candidate; `kept` entries are kept of each state.
 Expansion expand(const Scores& scores, const Bounds& bounds, double cutoff, int64_t budget, size_t kept) {
     const auto candidates = scores.signs.shape[0], systems = scores.configurations.size();
     REQUIRE(systems <= MOST_SYSTEMS);
@@ -505,7 +504,7 @@ Expansion expand(const Scores& scores, const Bounds& bounds, double cutoff, int6
         list_offers(scores, bounds, k, cutoff, entries, offers);
         found.expanded += static_cast<int64_t>(entries.size());
         double stage_cutoff = cutoff;
-        if (offers.size() > room) {  // the best that is cut shows whether the search missed anything
+        if (offers.size() > room) {  // the highest bound that is cut tells whether a better path may be lost
             NewFloats reached;
             for (const Offer& offer : offers) reached.push_back(offer.bound);
             const auto first = reached.end() - room;
@@ -540,7 +539,7 @@ Expansion expand(const Scores& scores, const Bounds& bounds, double cutoff, int6
 
 // ---- levels between candidates (see rwa_monitor/changepoints/estimation.py) -----------------------------------------
 
-constexpr double PREFERENCE = 1e-6;     // log-likelihood of a slot nearer to the detected one: decides ties in gaps
+constexpr double PREFERENCE = 1e-6;     // log-likelihood per slot from the detected one: decides ties in gaps
 
 // Σ (z - level - slope x)² of a segment about its own level.
 double squared_error(const Sums& sum, double slope) {
@@ -549,8 +548,8 @@ double squared_error(const Sums& sum, double slope) {
     return max(yy - y * y / max(sum.n, 1.0), 0.0);
 }
 
-// The log-likelihood of one level between all pairs of nodes, integrated over a flat prior of width `width`: it charges
-// each level log(width √(n / 2π variance)), so that a jump must gain more than its own parameter costs.
+// The log-likelihood of one level between all pairs of nodes, integrated over a flat prior of width `width`: each level
+// has a penalty log(width √(n / 2π variance)), so that a jump must gain more than the penalty of its parameter.
 NewMatrix fit_table(FloatCube pairs, double slope, double variance, double width) {
     const int64_t count = pairs.shape[1];
     const double log_range = log(width);
@@ -566,8 +565,8 @@ NewMatrix fit_table(FloatCube pairs, double slope, double variance, double width
     return table;
 }
 
-// Each inner node moved to the slot within its reach, and no further than half way to a neighbour, that splits the two
-// intervals beside it best.
+// Move each inner node to the best split of its two intervals within its reach, and no further than half way to a
+// neighbour.
 NewIntegers refine_nodes(Integers nodes, Integers reach, double slope, double variance, const SumArrays& sums) {
     const int64_t count = nodes.size() - 2;
     NewIntegers refined(count);
@@ -598,11 +597,11 @@ NewMatrix chain_of(FloatCube pairs, Integers nodes) {
     return chain;
 }
 
-// ---- whole paths: found, traced back, weighed, compared --------------------------------------------------------------
+// ---- whole paths: search, back-tracking, full likelihood -------------------------------------------------------------
 
 using IndexTable = Table<int64_t, 2>;
 
-// Paths, best first: configurations at the window's begin and actions; entries expanded, highest bound of what was cut.
+// Paths, best first: configurations at the window's begin, actions; entries expanded, highest bound that was cut.
 struct Found {
     NewFloats score;
     IndexTable start, taken;
@@ -628,8 +627,8 @@ Found search_once(
     return found;
 }
 
-// Search twice: with a narrow beam for a good path and the prices of its jumps, then for the best of all. Where values
-// are wild the full search may drop every path within its budget; then the path of the narrow beam.
+// Search twice: with a narrow beam for a good path and the prices of its jumps, then for the best of all. With extreme
+// values the budget of the full search may cut every path; then the path of the narrow beam is returned.
 tuple<NewFloats, IndexTable, IndexTable, int64_t, bool> find_paths(
     const Scores& scores, int64_t paths, double margin, int64_t budget) {
     auto [bounds, worth] = free_bounds(scores);
@@ -643,7 +642,7 @@ tuple<NewFloats, IndexTable, IndexTable, int64_t, bool> find_paths(
     return {best.score, best.start, best.taken, quick.states + full.states, pruned};
 }
 
-// The part of a path's score that comes from laws and from jumps that no system made: no fits, no sizes.
+// The part of a path's score from laws and from jumps of no system, without fits and sizes.
 double add_up_laws(const Scores& scores, Integers start, Integers taken) {
     NewIntegers configuration(start.begin(), start.end()), since(start.size());
     double total = 0.0, staying = 0.0;
@@ -663,8 +662,8 @@ double add_up_laws(const Scores& scores, Integers start, Integers taken) {
 
 using NewPath = PathOf<NewIntegers>;
 
-// A path as sojourns; the accepted candidates as nodes, and both ends of the window; who jumped at each candidate and
-// which way, (m, 2): REJECTED or UNATTRIBUTED alone, REJECTED in second place.
+// A path as sojourns; the accepted candidates as nodes, and both ends of the window; up to two systems at each
+// candidate and their directions, (m, 2): in first place also REJECTED or UNATTRIBUTED, in second REJECTED for none.
 tuple<NewPath, NewIntegers, IndexTable, IndexTable> switching_path(
     IntegerMatrix actions, Integers index, Integers start, Integers taken) {
     IndexTable system({taken.size(), 2}, REJECTED), direction({taken.size(), 2});
@@ -685,7 +684,7 @@ tuple<NewPath, NewIntegers, IndexTable, IndexTable> switching_path(
             if (who < 0) continue;
             const Step step = step_from(configurations[who].back(), actions(taken[k], 2 * place + 1));
             system(k, place) = who, direction(k, place) = step.after - step.before;
-            if (step.skipped != 0) {  // where it happened is not known; by the level, right after the sojourn began
+            if (step.skipped != 0) {  // its slot is not known; the level implies right after the sojourn's begin
                 starts[who].push_back(starts[who].back() + 1);
                 configurations[who].push_back(step.before);
             }
@@ -702,8 +701,8 @@ tuple<NewPath, NewIntegers, IndexTable, IndexTable> switching_path(
     return {path, nodes, system, direction};
 }
 
-// A path weighed by its full likelihood: switching path, systems and directions as from `switching_path`; slots at which
-// its segments begin and end, and their statistics; log-likelihood of the samples, and the same with the laws'.
+// The full likelihood of a path: switching path, systems and directions as from `switching_path`; slots at which its
+// segments begin and end, and their statistics; log-likelihood of the samples, without and with that of the laws.
 tuple<NewPath, IndexTable, IndexTable, NewIntegers, NewMatrix, double, double> weigh(
     const Scores& scores, Integers start, Integers taken, Integers index, FloatCube pairs, int64_t slots,
     const Cases& cases, double variance, double scatter) {

@@ -1,17 +1,17 @@
-// The likeliest path of several semi-Markov chains at once (see rwa_monitor/switching/jump_attribution.py).
+// The most likely joint path of several semi-Markov chains (see rwa_monitor/switching/jump_attribution.py).
 #include "arrays.hpp"
 
 namespace rwa {
 namespace {
 
-// Per slot, of a jump that is no system's: a hundredth of the rate of the rarest jumps that a recording of hours shows.
+// Rate per slot of jumps of no system: a hundredth of that of the rarest jumps in a recording of hours.
 constexpr double FALSE_RATE = 1e-7;
-constexpr double OUTLIER_SHARE = 3e-3;  // of the segments: too short for their level, or with jumps in them not seen
-constexpr double BROAD_SHARE = 0.03;    // of the sojourns, as far from the others as a decade
+constexpr double OUTLIER_SHARE = 3e-3;  // of the segments: too short for a level, or with undetected jumps in them
+constexpr double BROAD_SHARE = 0.03;    // of the sojourns, with durations that spread over a decade
 constexpr double BROAD_SIGMA = 2.3;
 constexpr double NEVER = 1e-300;  // a probability whose logarithm is finite
 constexpr int64_t MOST_SYSTEMS = 3;
-constexpr int64_t PARTS = 1 + MOST_SYSTEMS;  // of a level: the base, then what each system adds
+constexpr int64_t PARTS = 1 + MOST_SYSTEMS;  // of a level: the base, then the friction of each system
 
 struct Record {
     Floats level, variance;  // [N m], [N² m²]
@@ -41,7 +41,7 @@ double sum(const Values& values) {
     return total;
 }
 
-// Log probability that a sojourn lasts so many slots.
+// Log probability of a sojourn's duration.
 double log_density(int64_t slots, double mu, double sigma) {
     const double x = log(slots) - mu, u = x / sigma, v = x / BROAD_SIGMA;
     const double near = exp(-0.5 * (u * u)) / sigma, far = exp(-0.5 * (v * v)) / BROAD_SIGMA;
@@ -49,7 +49,7 @@ double log_density(int64_t slots, double mu, double sigma) {
            log(slots);
 }
 
-// Log probability that a sojourn lasts at least so long.
+// Log probability that a sojourn lasts at least so many slots.
 double log_survival(int64_t slots, double mu, double sigma) {
     const double x = (log(slots) - mu) / sqrt(2.0);
     const double near = 0.5 * erfc(x / sigma), far = 0.5 * erfc(x / BROAD_SIGMA);
@@ -60,8 +60,8 @@ double log_gauss(double deviation, double variance) {
     return -0.5 * (deviation * deviation / variance + log((2.0 * M_PI) * variance));
 }
 
-// A path that is followed: where each system is, since which slot, and whether that is in the record; the Kalman state
-// [N m]; the log-likelihood of what has happened; its last segment in the history.
+// A path in the beam: each system's configuration, the slot since which it holds, and whether it began in the record;
+// the Kalman state [N m]; the log-likelihood so far; its last segment in the history.
 struct Track {
     Configuration configuration{}, since{};
     array<bool, MOST_SYSTEMS> began{};
@@ -70,7 +70,7 @@ struct Track {
     double score = 0.0;
     int64_t last = -1;
 
-    // Bring a system into a configuration, of whose friction only the law is known.
+    // Set a system's configuration, with the law as the prior of its friction.
     void enter(int64_t i, int64_t q, int64_t slot, const Laws& laws) {
         configuration[i] = q;
         since[i] = slot;
@@ -112,21 +112,21 @@ struct Track {
     }
 };
 
-// A segment of a path: the one before it, whether it is an outlier, and where the systems are in it.
+// A segment of a path: the previous one, whether it is an outlier, and the systems' configurations.
 struct Visited {
     int64_t before;
     bool outlier;
     Configuration configuration;
 };
 
-// A way on: path, move, whether the segment is an outlier; score, and that with the survival of the sojourns under way.
+// An extension: path, move, whether the segment is an outlier; score, without and with the survival of open sojourns.
 struct Way {
     int64_t path, move;
     bool outlier;
     double value, rank;
 };
 
-// Begin two paths in each joint state, with the first segment as it is and as an outlier.
+// Begin two paths in each joint state, with the first segment as a regular one and as an outlier.
 vector<Track> begin_paths(const Record& record, const Laws& laws, const States& states, double outlier_score) {
     vector<Track> tracks;
     for (int64_t s : range(states.configuration.shape[0])) {
@@ -144,7 +144,7 @@ vector<Track> begin_paths(const Record& record, const Laws& laws, const States& 
     return tracks;
 }
 
-// Fill `ways` with each path and each possible move into segment j, as it is and as an outlier.
+// Fill `ways` with each path and each possible move into segment j, as a regular segment and as an outlier.
 void ways_on(
     const vector<Track>& tracks, int64_t j, const Record& record, const Laws& laws,
     const IntegerMatrix& moves, double outlier_score, vector<Way>& ways) {
@@ -162,14 +162,14 @@ void ways_on(
         for (int64_t i : range(systems)) {
             const int64_t q = track.configuration[i], since = track.since[i];
             const double m = laws.mu(i, q), s = laws.sigma(i, q);
-            // What was there when the record began is seen from a random moment on: S(e)/mean.
+            // A sojourn that the record's start cuts is observed from a random time on: S(e)/mean.
             gone[i] = track.began[i] ? log_density(slot - since, m, s)
                                      : log_survival(slot - since, m, s) - m - 0.5 * s * s;
             staying[i] = log_survival(later - since, m, s);
         }
         for (int64_t option : range(moves.shape[0])) {
             const auto move = moves.row(option);
-            double worth = 0.0, ahead = 0.0;  // log-likelihood of the move, and of what has not happened after it
+            double worth = 0.0, ahead = 0.0;  // log-likelihood of the move, and of the survivals after it
             bool moved = false, possible = true;
             for (int64_t i = 0; i < systems && possible; ++i) {
                 const int64_t q = track.configuration[i] + move[i];
@@ -196,8 +196,8 @@ void ways_on(
 
 }  // namespace
 
-// Follow the paths: a score is the log-likelihood of what has happened; paths are ranked by it and by that of what has
-// not happened yet. Returns the configurations of the likeliest path, its outliers and its log-likelihood.
+// Beam search: a score is the log-likelihood of the completed sojourns and levels; paths are ranked by it together with
+// the survival of the open sojourns. Returns configurations, outliers and log-likelihood of the most likely path.
 tuple<Table<int64_t, 2>, vector<std::uint8_t>, double> likeliest_path(
     const Record& record, const Laws& laws, const States& states, IntegerMatrix moves, int64_t beam) {
     const auto& [level, variance, at] = record;

@@ -4,12 +4,12 @@
 namespace rwa {
 namespace {
 
-constexpr int64_t LONGEST_HALF = 1024;  // slots on each side that a candidate is judged by
-constexpr int64_t MOST_CANDIDATES = 1000;  // a window with more holds something else; the strongest are kept
-constexpr int MOST_ROUNDS = 3;  // of slope and candidates in turns; two nearly always agree
+constexpr int64_t LONGEST_HALF = 1024;  // slots on each side with which a candidate is tested
+constexpr int64_t MOST_CANDIDATES = 1000;  // more are not jumps of friction; the first ones accepted are kept
+constexpr int MOST_ROUNDS = 3;  // of slope and candidates alternately; two nearly always agree
 
-// What a jump must clear: variance of the contrast by used samples of the shorter half, the χ² threshold, and the
-// largest outlier by chance.
+// Thresholds of a jump: variance of the contrast by used samples of the shorter half, the χ² threshold, and the largest
+// outlier by chance.
 struct Threshold {
     Floats variances;
     double threshold, outlier;
@@ -26,8 +26,8 @@ tuple<Sums, Sums> halves(int64_t low, int64_t middle, int64_t high, const SumArr
     return {split - prefix_moments(low, sums), prefix_moments(high, sums) - split};
 }
 
-// Test for a jump at the candidate's slot between the levels of [low, index) and [index, high), the slope known. The
-// threshold is higher where a single outlier of the noise could make the jump. All 0 where a half has no used sample.
+// Test for a jump at the candidate's slot between the levels of [low, index) and [index, high), given the slope. The
+// threshold is higher where a single outlier of the noise could mimic it. All are 0 where a half has no used sample.
 void judge(
     Candidate& candidate, int64_t low, int64_t high, double slope, const SumArrays& sums, const Threshold& required) {
     const auto [left, right] = halves(low, candidate.index, high, sums);
@@ -44,7 +44,7 @@ void judge(
     candidate.excess = candidate.statistic / max(required.threshold, by_chance);
 }
 
-// z - slope x of a sample, as the sums have it.
+// z - slope x of a sample, relative to the centre of the sums.
 double residual(int64_t at, double slope, const SumArrays& sums) {
     return (sums.z[at] - sums.centre[1]) - slope * (sums.x[at] - sums.centre[0]);
 }
@@ -95,9 +95,9 @@ vector<Candidate> accept(
     return accepted;
 }
 
-// The most likely slot of a jump near k where the noise is AR(1). With the levels left and right of k, the likelihood
-// of each slot follows from the innovations e_k - φ e_{k-1}, in which a jump is a spike: coloured noise hides where a
-// jump is less than it hides that there is one.
+// The most likely slot of a jump near k in AR(1) noise. With the levels left and right of k, the likelihood of each
+// slot follows from the innovations e_k - φ e_{k-1}, in which a jump is a spike: autocorrelation impairs the location
+// of a jump less than its detection.
 int64_t refine_in_colour(
     int64_t k, int64_t low, int64_t high, int64_t reach, double slope, double correlation, const SumArrays& sums) {
     const auto [before, behind] = halves(low, k, high, sums);
@@ -114,7 +114,7 @@ int64_t refine_in_colour(
             best = at;
             best_cost = cost;
         }
-        // What changes when the slot `at` goes over to the left level: its innovation and the next one's.
+        // Moving the slot `at` to the left level changes its innovation and the next one.
         const double value = residual(at, slope, sums), was = value - right, now = value - left;
         if (sums.used[at - 1]) {
             const double last_one = correlation * (residual(at - 1, slope, sums) - left);
@@ -130,7 +130,7 @@ int64_t refine_in_colour(
     return best;
 }
 
-// Refine the accepted between their final neighbours, then take away the weakest while it fails the threshold.
+// Refine the accepted candidates between their final neighbours, then remove the weakest while it is below threshold.
 void settle(
     vector<Candidate>& accepted, int64_t slots, double slope, double correlation, const SumArrays& sums,
     const Threshold& required) {
@@ -143,7 +143,7 @@ void settle(
         index = refine(index, low, high, reach, slope, sums);
         if (correlation > 0.0) index = refine_in_colour(index, low, high, reach, slope, correlation, sums);
     }
-    size_t first = 0, last = accepted.size();  // whose neighbours have changed
+    size_t first = 0, last = accepted.size();  // candidates whose neighbours have changed
     while (true) {
         for (int64_t i : range(first, last)) {
             const int64_t index = accepted[i].index, half = max(LONGEST_HALF, 2 * accepted[i].scale);
@@ -193,8 +193,8 @@ NewIntegers kept_apart(const vector<Peak>& peaks) {
     return taken;
 }
 
-// Choose the candidates of a window among the peaks of all scales, in any order: estimate the slope, and choose given
-// that, until both agree.
+// Choose the candidates of a window among the peaks of all scales, in any order: alternately estimate the slope and
+// choose given the slope, until the choice does not change.
 Columns choose(
     Integers peak_index, Integers peak_scale, Floats peak_statistic, int64_t slots, const SumArrays& sums,
     const Threshold& required, double correlation, double variance, double prior_mean, double prior_std) {

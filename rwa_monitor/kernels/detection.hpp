@@ -1,12 +1,12 @@
-// What sources of stages 1 and 3 share, in the order of the flow, and the running sums that later stages read.
+// Declarations shared by the sources of stages 1 and 3, in the order of the data flow, and the running sums.
 #pragma once
 
 #include "arrays.hpp"
 
 namespace rwa {
 
-// Slots by which a window is worked through, a multiple of STRIDE: the first used ones give the sums their origin, peaks
-// are confirmed, differences (of these and the LAGS after them) and the direction of rotation are kept, block by block.
+// Slots of a block, in which a window is processed, a multiple of STRIDE: the sums are centred on the first used block,
+// and peaks are confirmed, differences (over the LAGS after it, too) and directions of rotation stored block by block.
 constexpr int64_t BLOCK = 64;
 
 // ---- running sums (running_sums.cpp): the sufficient statistics of any range of slots -------------------------------
@@ -29,7 +29,7 @@ struct Sums {
         return {n - first.n, x - first.x, z - first.z, xx - first.xx, xz - first.xz, zz - first.zz};
     }
     double level(double slope) const { return (z - slope * x) / n; }
-    // As one column of a table with a row for each sum, or one row with a column for each.
+    // To or from one column of a table with a row for each sum, or one row of a table with a column for each.
     void write(double* at, int64_t apart) const {
         for (double sum : {n, x, z, xx, xz, zz}) *at = sum, at += apart;
     }
@@ -49,7 +49,7 @@ inline Sums prefix_moments(int64_t k, const SumArrays& arrays) {
     return sums;
 }
 
-// The statistics, not centred, of the slots between two of `prefix_moments`.
+// The statistics, not centred, of the slots between two results of `prefix_moments`.
 inline Sums moments_between(const Sums& first, const Sums& last, const Vector<double>& centre) {
     const double cx = centre[0], cz = centre[1];
     const auto [n, sx, sz, sxx, sxz, szz] = last - first;
@@ -67,45 +67,45 @@ tuple<double, double> slope_within(
 
 // ---- the windowed generalised likelihood ratio at several scales, and its peaks (wglr.cpp) --------------------------
 
-constexpr int64_t CHUNK = 1024;   // slots after which the prefix sums begin anew: a quarter more work for 50 kB
+constexpr int64_t CHUNK = 1024;   // slots after which the prefix sums restart: a quarter more work for 50 kB
 constexpr int64_t MAX_SCALE = 128;
-constexpr int64_t HISTORY = 2 * MAX_SCALE;  // slots before a chunk that its first statistics reach back to
+constexpr int64_t HISTORY = 2 * MAX_SCALE;  // slots before a chunk that its first statistics use
 constexpr int64_t PREFIXES = 5;             // n, x, e, xx, xe
 
-// Histogram of the statistic: 16 bins an octave, from 2⁻⁶⁰ to 2³⁶ torque². The bits of a float but its last ones are the
-// number of its bin, counted from FIRST_BIN.
+// Histogram of the statistic: 16 bins per octave, from 2⁻⁶⁰ to 2³⁶ torque². The leading bits of a float are the number
+// of its bin, counted from FIRST_BIN.
 constexpr int64_t BINS_PER_OCTAVE = 16;
 constexpr int64_t LOWEST_EXPONENT = -60;
 constexpr int64_t BINS = 96 * BINS_PER_OCTAVE;
 constexpr int64_t BIN_SHIFT = 48;  // of 52 mantissa bits, 4 stay
 constexpr int64_t FIRST_BIN = (1023 + LOWEST_EXPONENT) * BINS_PER_OCTAVE;
 
-// The slots from one statistic of scale w that goes into the histogram to the next.
+// Every how many slots a statistic of scale w is counted in the histogram.
 inline int64_t counted_every(int64_t w) { return w < 4 ? 1 : w / 4; }
 
-// What a scan goes by: W_b and f̃_v; of each scale the variance of its contrast, and the statistics [torque²] from which
-// a peak is kept (infinite to keep none), and is sure.
+// Settings of a scan: W_b and f̃_v; of each scale the variance of its contrast, and the statistics [torque²] above which
+// a peak is kept (infinite to keep none), and above which it is reported at once.
 struct ScanSettings {
     double weight, slope;
     Floats variances, floors, sure;
     FIELDS(weight, slope, variances, floors, sure)
 };
 
-// A peak as the scan keeps it, with the number of its scale; final when no later slot can replace it.
+// A peak in the scan, with the number of its scale; final when no later slot can replace it.
 struct ScannedPeak {
     int64_t scale, index;
     double statistic, jump;
     bool final;
 };
 
-// A peak, or the candidate that it became: the first slot of a new level, the half-width that found it, and the
+// A peak, or the candidate derived from it: the first slot of a new level, the half-width that detected it, and the
 // statistic over the variance of its scale.
 struct Peak {
     int64_t index, scale;
     double statistic, jump;
 };
 
-// The detection in a window as far as it was scanned.
+// The state of the detection in a window.
 struct Detector {
     explicit Detector(Integers half_widths);
 
@@ -145,16 +145,16 @@ Columns columns_of(const Peaks& peaks) {
     return columns;
 }
 
-// ---- the noise of a window, measured beside its jumps (noise.cpp) ---------------------------------------------------
+// ---- the noise of a window, estimated in the presence of jumps (noise.cpp) ------------------------------------------
 
 constexpr int64_t LAGS = 64;        // lags 1 … 64 of the differences; the autocovariance is given at 0 … 63
-constexpr double SMALLEST_STD = 1e-9;    // normalised; the rounding errors of noise-free data lie far below
+constexpr double SMALLEST_STD = 1e-9;    // normalised; far above the rounding errors of noise-free data
 
 void block_differences(
     Floats x, Floats z, Flags used, int64_t first, int64_t last, int64_t hop, double slope, double weight,
     Matrix<double> sums, Matrix<double> pairs);
 
-// How many statistics are counted, their median and 99.5 % quantile: the middles of bins of the histogram.
+// Number of statistics, their median and 99.5 % quantile, as middles of bins of the histogram.
 using Quantiles = tuple<double, double, double>;
 constexpr double CHI_MEDIAN = 0.4549364231195728;  // median of χ²₁
 bool are_heavy(const Quantiles& quantiles, double variance);
@@ -166,7 +166,7 @@ Noise learn_noise(
     FloatMatrix block_sums, FloatMatrix block_pairs, IntegerMatrix histogram, Integers scales,
     double start_variance);
 
-// ---- direction, dead band and wheel angle beside the running sums (running_sums.cpp) --------------------------------
+// ---- direction, dead band and wheel angle (running_sums.cpp) --------------------------------------------------------
 
 struct StructureArrays {
     Vector<int64_t> signs, counts;
@@ -176,7 +176,7 @@ struct StructureArrays {
     FIELDS(signs, counts, near_zero, zeros, ripple)
 };
 
-// The pieces of `length` slots, one every `hop` slots from 0 on, that end by `slot`.
+// Number of pieces of `length` slots, one every `hop` slots from 0 on, that end by `slot`.
 inline int64_t pieces_before(int64_t slot, int64_t length, int64_t hop) {
     return slot < length ? 0 : (slot - length) / hop + 1;
 }
@@ -192,10 +192,10 @@ void extend_structure(
 // Both 0 where a half has no used sample.
 tuple<double, double> contrast(int64_t k, int64_t w, double slope, double weight, const SumArrays& sums);
 
-// Bring peaks into the order in which they are tried: narrow scales and large statistics first.
+// Sort peaks into the order in which they are tried: narrow scales and large statistics first.
 void sort_in_turn(vector<Peak>& peaks);
 
-// The slots of peaks, taken in turn, with no kept one within ±w; sorted.
+// The slots of the peaks, in order, that have no earlier kept one within ±w; sorted.
 NewIntegers kept_apart(const vector<Peak>& peaks);
 
 // ---- a switching path as a linear model with a Gaussian prior (friction.cpp) ----------------------------------------

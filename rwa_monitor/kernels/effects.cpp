@@ -4,7 +4,7 @@
 namespace rwa {
 namespace {
 
-// What a recursion makes of each value; its state as it stands where that is not usable.
+// Apply a recursion to each usable value; elsewhere the result is its first state variable.
 template <typename Step>
 NewFloats recursion(Floats values, Flags usable, Floats state, Step step) {
     NewFloats found(values.size());
@@ -33,7 +33,7 @@ NewFloats time_since(Floats values, Flags usable, double period_s, double thresh
     });
 }
 
-// The log-likelihood of a burst chain but for its constant, by the forward recursion (Rabiner 1989); writes each slot's
+// The log-likelihood of a burst chain up to a constant, by the forward recursion (Rabiner 1989); writes each slot's
 // probability of a burst given the past.
 double forward(
     Floats squares, Flags inside, double quiet, double shaking, double freedom, double on, double off,

@@ -1,20 +1,20 @@
-// A window's samples on their way in: normalised, through detection, into all that the window keeps of them; and what
-// it learns of itself meanwhile: noise, what counts as a peak, the slope, certain jumps. A batch is one call of
-// `gather`, the path of every message of the live monitor.
+// A window's new samples: normalisation, detection and running sums; and the window's own estimates so far: noise,
+// thresholds of peaks, slope, certain jumps. A batch is one call of `gather`, which every message of the live monitor
+// passes through, too.
 #include "detection.hpp"
 
 namespace rwa {
 namespace {
-constexpr double LARGEST_VALUE = 1e4;  // normalised; speed or friction beyond is a broken word of telemetry
-constexpr double SPEED_NOISES = 5.0;  // dead band in standard deviations of the speed's noise, where it is not stated
-constexpr double KEPT_STATISTIC = 12.0;     // peaks below are not kept: no threshold at the close is as low
-constexpr double CERTAIN_STATISTIC = 30.0;  // peaks that split the window while its slope is first estimated
-constexpr double SMALLEST_WEIGHT = 1e-12;   // W_b where nothing is known of the slope: only keeps 0/0 away (errata 3)
-constexpr double SMALLEST_SLOPE_SPREAD = 0.05;  // [of the slope] the slope so far is never trusted further than that
-constexpr double ANY_SLOPE = 3.0;  // times the slope learned or nominal: no anomaly of viscous friction is further off
-constexpr double SMALLEST_SLOPE = 0.1;  // of the dry torque at nominal speed, for next to no viscous friction
+constexpr double LARGEST_VALUE = 1e4;  // normalised; speed or friction beyond is a corrupted word of telemetry
+constexpr double SPEED_NOISES = 5.0;  // dead band in standard deviations of the speed's noise, where it is not given
+constexpr double KEPT_STATISTIC = 12.0;     // peaks below are not kept: no threshold at the window's close is as low
+constexpr double CERTAIN_STATISTIC = 30.0;  // of peaks that split the window while its slope is first estimated
+constexpr double SMALLEST_WEIGHT = 1e-12;   // W_b without prior knowledge of the slope: only avoids 0/0 (errata 3)
+constexpr double SMALLEST_SLOPE_SPREAD = 0.05;  // [of the slope] least standard deviation of the slope so far
+constexpr double ANY_SLOPE = 3.0;  // times the slope learned or nominal: larger than in any viscous anomaly
+constexpr double SMALLEST_SLOPE = 0.1;  // of the dry torque at nominal speed, where viscous friction is almost zero
 
-// The median of the sizes of values; 0 of none.
+// The median of the absolute values; 0 if there are none.
 double median_size(NewFloats values) {
     for (double& value : values) value = abs(value);
     return values.empty() ? 0.0 : median_in_place(values);
@@ -31,7 +31,7 @@ inline const unsigned char* bytes(const bool* values) { return reinterpret_cast<
 inline unsigned char* bytes(bool* values) { return reinterpret_cast<unsigned char*>(values); }
 
 // |ω|/unit, z = sign(ω)·torque/unit and whether the slot is good; both are zero where it is not. Returns the number of
-// good slots. Written so that NaN fails.
+// good slots. The comparisons are false for NaN.
 VECTORISED int64_t normalise(
     const double* __restrict speed, const double* __restrict torque, const bool* good, int64_t n, double speed_unit,
     double torque_unit, double* __restrict motion, double* __restrict z, bool* is_good) {
@@ -64,7 +64,7 @@ VECTORISED void mark_used(const double* __restrict motion, const bool* good, dou
     }
 }
 
-// `x` is what viscous friction is in proportion to: |ω|/unit, the same array as `motion`, or an array of its own.
+// Viscous friction is proportional to `x`: |ω|/unit, the same array as `motion`, or a separate array.
 struct WindowArrays {
     Vector<double> motion, x, z;
     Vector<bool> good, used;
@@ -84,22 +84,22 @@ struct WindowSettings {
            nominal_slope, outlier, sure_outlier, sure_margin, sure_statistic)
 };
 
-// A window: the arrays that Python made, looked up once (in every call that would cost as much as 100 samples do), and
-// what it learns of itself.
+// A window: the arrays that Python made, converted once (in every call that would cost as much as 100 samples), and the
+// window's own estimates.
 struct Window {
     Window(const WindowArrays& arrays, const WindowSettings& settings, Integers scales)
         : a(arrays), by(settings), slope(settings.nominal_slope), detector(scales), variances(scales.size(), NAN),
           floors(scales.size(), INFINITY), sure(scales.size(), INFINITY) {}
 
-    // Learn from the first chunk, the slots [0, stop): the speed whose sign is certain, the dead band, which samples are
-    // used, and the weight of the slope's prior.
+    // Estimate from the first chunk, the slots [0, stop): the speed above which its sign is certain, the dead band,
+    // which samples are used, and the weight of the slope's prior.
     void learn_first(int64_t stop) {
         const double normal_median = sqrt(CHI_MEDIAN);  // of |N(0, 1)|
         NewFloats speeds, levels;
         for (int64_t k : range(stop)) {
             if (a.good[k]) speeds.push_back(a.motion[k]);
         }
-        // The second difference of a smooth speed is noise, of √6 times its standard deviation.
+        // The second difference of a smooth speed is noise of √6 times its standard deviation.
         certain = SPEED_NOISES * median_size(differences(differences(speeds))) / (normal_median * sqrt(6.0));
         band = isnan(by.dead_band) ? certain : by.dead_band;
         mark_used(a.motion.data, a.good.data, band, stop, a.used.data);
@@ -116,8 +116,8 @@ struct Window {
         weight = std * std / (by.prior_std * by.prior_std);
     }
 
-    // Set the statistics from which a peak of each scale is sure, and from which it is kept, by the largest outliers by
-    // chance. A tail is known to a factor: half of the largest is worth keeping.
+    // Set the statistics above which a peak of each scale is sure, and above which it is kept, by the largest outliers
+    // by chance. These are uncertain by a factor: peaks from half the largest outlier on are kept.
     void set_outlier(double outlier, double sure_outlier) {
         for (int64_t s : range(variances.size())) {
             floors[s] = sure[s] = INFINITY;
@@ -137,10 +137,10 @@ struct Window {
             by.start_std * by.start_std);
     }
 
-    // Take new slots into the window, which holds `filled`, and detect in all that are there, from `done` on.
-    // `viscous_speed` is empty where viscous friction is in proportion to the speed itself. Returns how many are good,
-    // where detection ended, how many jumps were reported, and whether it ended early: the tails of the noise look heavy, and
-    // the thresholds, made for Gaussian ones, are to be set by `set_outlier` (only Python has Student's t).
+    // Add new slots to the window, which holds `filled`, and detect from `done` on up to the last complete block.
+    // `viscous_speed` is empty where viscous friction is proportional to the speed itself. Returns the number of good
+    // slots, the end of the detection, the number of jumps reported, and whether it ended early: the noise is
+    // heavy-tailed, and `set_outlier` must replace the Gaussian thresholds (only Python has Student's t).
     tuple<int64_t, int64_t, int64_t, bool> gather(
         Floats speed, Floats torque, Flags good, Floats viscous_speed, int64_t filled, int64_t done, bool last) {
         const int64_t n = speed.size();
@@ -150,7 +150,7 @@ struct Window {
         for (int64_t k : range(viscous_speed.size())) {
             a.x[filled + k] = a.good[filled + k] ? abs(viscous_speed[k]) / by.speed_unit : 0.0;
         }
-#ifndef RWA_ONBOARD  // of no use before the close
+#ifndef RWA_ONBOARD  // not used before the window's close
         count_signs(filled, speed, a.good.slice(filled, filled + n), a.structure.signs, a.structure.counts);
 #endif
         filled += n;
@@ -159,17 +159,17 @@ struct Window {
         return {count, done, std::get<0>(reported).size(), heavy};
     }
 
-    // The blocks of the noise that end by `slot`.
+    // Number of the noise's blocks that end by `slot`.
     int64_t blocks_before(int64_t slot) const {
         return pieces_before(slot, BLOCK + LAGS, by.block_hop);
     }
 
-    // Detect from `done` on, as long as the tails of the noise do not look heavy; returns whether they do.
+    // Detect from `done` on until the noise turns out to be heavy-tailed; returns whether it did.
     bool detect_until(int64_t ready, int64_t& done, bool last) {
         if (isnan(std::get<0>(quantiles))) {
             if (ready < CHUNK && !last) return false;
             learn_first(min(ready, CHUNK));
-            // It is scanned twice: for the histogram alone, and when it is known what to look for.
+            // The first chunk is scanned twice: for the histogram alone, and with the thresholds from it.
             scan(0, min(ready, CHUNK), true);
             if (refresh(0)) return true;
         }
@@ -210,8 +210,8 @@ struct Window {
             a.block_sums, a.block_pairs);
     }
 
-    // Bring the variance of each scale, and what is kept and sure, up to date. Returns whether the tails of the noise
-    // look heavy.
+    // Update the variance of each scale, and the statistics of kept and sure peaks. Returns whether the noise is
+    // heavy-tailed.
     bool refresh(int64_t done) {
         tie(std::ignore, std::ignore, variances, quantiles) = noise(done);
         const double variance = variances[0];
@@ -220,7 +220,7 @@ struct Window {
         return isfinite(variance) && are_heavy(quantiles, variance);
     }
 
-    // Centre the slope's prior on what the window has shown so far; takes effect with the next slot.
+    // Centre the slope's prior on the estimate from the window so far, from the next slot on.
     void learn_slope(int64_t slots) {
         double variance = 0.0;
         for (double known : variances) variance = max(variance, known);  // NaN is never the larger
@@ -235,11 +235,11 @@ struct Window {
         weight = max(variance / (spread * spread), SMALLEST_WEIGHT);
     }
 
-    // Report which of the peaks that the last scan confirmed are new, and sure whatever the slope is.
+    // Report the peaks confirmed by the last scan that are new and significant for any slope.
     //
-    // In a slew, a slope that is off by some per cent looks like jumps: that of the nominal wheel while viscous friction
-    // is anomalous, that of an earlier part of the window while the anomaly grows. Only a peak that stays one for any
-    // slope is certain while the window is open; at its close the window's own slope decides.
+    // In a slew, an error of the slope by some per cent mimics jumps: with the nominal slope while viscous friction is
+    // anomalous, with that of an earlier part of the window while the anomaly grows. Only a peak that is significant
+    // for any slope is certain while the window is open; at its close the window's own slope decides.
     void report_confirmed() {
         const double largest = max({abs(slope), abs(by.nominal_slope), SMALLEST_SLOPE});
         const double most_slope = ANY_SLOPE * largest;
@@ -264,7 +264,7 @@ struct Window {
     WindowArrays a;
     WindowSettings by;
     double slope, weight = NAN;         // of the slope's prior
-    double band = NAN, certain = NAN;  // dead band, and the speed whose sign is certain
+    double band = NAN, certain = NAN;  // dead band, and the speed above which its sign is certain
     Detector detector;
     NewFloats variances, floors, sure;          // see `ScanSettings`; NaN and infinite where not known
     Quantiles quantiles{NAN, NAN, NAN};         // of the narrowest scale's statistic

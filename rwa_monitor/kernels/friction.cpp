@@ -3,7 +3,7 @@
 
 namespace rwa {
 namespace {
-constexpr double LEAST_PIVOT = 1e-60;       // of a coefficient that a wheel file leaves no room for
+constexpr double LEAST_PIVOT = 1e-60;       // of a coefficient whose prior variance is zero
 
 // A sojourn whose friction is not 0 by law: its system, mean and standard deviation of its friction law.
 struct FreeSojourn {
@@ -13,7 +13,7 @@ struct FreeSojourn {
 
 // The linear model of a switching path, with the unknowns base, free sojourns, unattributed jumps, and slope.
 struct Model {
-    NewMatrix levels;  // (segments, unknowns - 1): what each unknown adds to a level; the slope's column left out
+    NewMatrix levels;  // (segments, unknowns - 1): coefficient of each unknown in a level; without the slope
     NewIntegers column;       // of each sojourn's friction, -1 where it is 0 by law
     vector<FreeSojourn> free;
 
@@ -40,7 +40,7 @@ Model lay_out(const SwitchingPath& path, Integers borders, FloatCube laws) {
         row[0] = 1.0;
         for (int64_t s = 0, own = 0, next = 0; s < sojourns.size(); ++s, own = next) {
             next += sojourns[s];
-            while (own + 1 < next && starts[own + 1] < end) ++own;  // a segment belongs to those that hold at its end
+            while (own + 1 < next && starts[own + 1] < end) ++own;  // sojourns at a segment's end count for all of it
             if (model.column[own] >= 0) row[model.column[own]] = 1.0;
         }
         for (int64_t j : range(unattributed.size())) {
@@ -50,8 +50,8 @@ Model lay_out(const SwitchingPath& path, Integers borders, FloatCube laws) {
     return model;
 }
 
-// Put the Cholesky factor in the place of the lower triangle; return the log-determinant. `block`: the first row of the
-// diagonal block that each row belongs to (beyond the blocks the matrix is zero).
+// Replace the lower triangle by the Cholesky factor; return the log-determinant. `block`: the first row of each row's
+// diagonal block (outside the blocks the matrix is zero).
 VECTORISED double factorise(Matrix<double> matrix, Integers block, Vector<double> log_pivot) {
     const int64_t size = matrix.shape[0];
     NewFloats diagonal(size), finished(size);
@@ -60,7 +60,7 @@ VECTORISED double factorise(Matrix<double> matrix, Integers block, Vector<double
     double log_determinant = 0.0;
     for (int64_t j = 0, end = 0; j < size; ++j) {
         while (end < size && block[end] <= j) ++end;
-        // A pivot smaller than its rounding is taken for that: noise a billionth of the friction leaves no digits.
+        // A pivot is at least its rounding error: noise of a billionth of the friction leaves no significant digits.
         const double pivot = max({matrix(j, j), std::numeric_limits<double>::epsilon() * diagonal[j], LEAST_PIVOT});
         log_pivot[j] = log(pivot);
         log_determinant += log_pivot[j];
@@ -106,17 +106,17 @@ VECTORISED double invert(Matrix<double> matrix, Integers block, Matrix<double> i
     return log_determinant;
 }
 
-// The prior with all parts in their first state, all in their second, and so on. What a system's anomaly does to its
-// sojourns is common to them; all else is independent before the window. So each part is a diagonal block of the
-// covariance, and a case takes it from the state that it chooses.
+// The prior with all parts in their first state, all in their second, and so on. A system's anomaly is common to its
+// sojourns; all else is independent a priori. So each part is a diagonal block of the covariance, and a case takes each
+// block from the state that it chooses.
 struct Prior {
-    NewIntegers part, block;              // whose state each unknown depends on; see `factorise`
+    NewIntegers part, block;              // the part on whose state each unknown depends; see `factorise`
     NewMatrix mean, log_variance;  // (states, unknowns); the logarithm of each pivot of the covariance
     NewCube precision;           // (states, unknowns, unknowns)
 };
 
-// Mean, and the lower triangle within the blocks of the covariance, with each part in one state: of a factor 1 + a of a
-// system's laws (m, s), with a of N(mean, spread²), the covariance is spread² m mᵀ + (1 + mean)² diag(s²).
+// Mean, and the lower triangle within the blocks of the covariance, with each part in one state: for a factor 1 + a on
+// a system's laws (m, s), with a ~ N(mean, spread²), the covariance is spread² m mᵀ + (1 + mean)² diag(s²).
 void write_prior(
     FloatMatrix state, const Model& model, Floats rest, Integers block, Vector<double> mean,
     Matrix<double> covariance) {
@@ -150,14 +150,14 @@ Prior prior_of_states(const Cases& cases, const Model& model) {
     return prior;
 }
 
-// One case after the other, conditioned on the segments as far as the precision and the change of the mean times it.
+// One case after the other, conditioned on the segments: its precision, and the precision times the change of its mean.
 struct Conditioned {
     Model model;
     Prior prior;
     NewFloats mean, response, log_variance;
     NewMatrix precision;  // the lower triangle
     NewIntegers block;
-    double squares = 0.0, log_determinant = 0.0;  // the squared misses of the prior's mean; of prior and segments
+    double squares = 0.0, log_determinant = 0.0;  // squared residuals of the prior's mean; of prior and segments
 
     Conditioned(const SwitchingPath& path, Integers borders, const Cases& cases)
         : model(lay_out(path, borders, cases.laws)), prior(prior_of_states(cases, model)), mean(model.unknowns()),
@@ -178,7 +178,7 @@ struct Conditioned {
             log_determinant += prior.log_variance(state, i);
         }
         fill(response, 0.0);
-        NewFloats row(unknowns);  // what is not zero in a segment's row
+        NewFloats row(unknowns);  // the non-zero entries of a segment's row
         NewIntegers column(unknowns);
         const double slope = mean[slope_at];
         squares = 0.0;
@@ -186,7 +186,7 @@ struct Conditioned {
             const double n = statistics(0, i);
             if (n == 0.0) continue;
             const double x_mean = statistics(1, i) / n, z_mean = statistics(2, i) / n;
-            // About the segment's own mean only the slope counts; what is left of z after its prior mean is small.
+            // Deviations from the segment's own mean depend on the slope alone.
             const double sxx = statistics(3, i) - n * x_mean * x_mean;
             const double sxz = statistics(4, i) - n * x_mean * z_mean;
             const double szz = statistics(5, i) - n * z_mean * z_mean;
@@ -214,7 +214,7 @@ struct Conditioned {
     }
 };
 
-// Turn log-probabilities into weights that add up to 1; return the logarithm of their sum.
+// Replace log-probabilities by weights that add up to 1; return the logarithm of the sum of the probabilities.
 double normalise(NewFloats& scores) {
     const double best = *max_element(scores);
     double total = 0.0;
@@ -270,7 +270,7 @@ double evidence_of_cases(
         one.condition(cases.choice.row(c), statistics, variance, scatter);
         one.log_determinant += factorise(one.precision, one.block, one.log_variance);
         double explained = 0.0;
-        for (int64_t i : range(one.mean.size())) {  // by forward substitution, in the posterior's deviations
+        for (int64_t i : range(one.mean.size())) {  // by forward substitution
             const double* row = one.precision.row(i).data;
             double value = one.response[i];
             for (int64_t j : range(i)) value -= row[j] * one.response[j];

@@ -3,22 +3,22 @@
 namespace rwa {
 namespace {
 
-constexpr int64_t HANGING_SLOTS = 24;     // a value repeated so often in a row: with noise, a chance of 6e-8
-constexpr int64_t OUTSTANDING_SLOTS = 3;  // slots that may stand out together, each by the utmost of a wheel
+constexpr int64_t HANGING_SLOTS = 24;     // repetitions of a value in a row: with noise, a probability of 6e-8
+constexpr int64_t OUTSTANDING_SLOTS = 3;  // slots in a row that may be outliers together
 enum { HANGS = 1, STANDS_OUT };
-// A channel is restless while its second differences change their sign in more than this share of the recent slots:
+// A channel is noisy ("restless") while its second differences change sign in more than this share of the recent slots:
 // they do so in 73 % with white noise, in 67 % with a random walk, hardly ever in smooth motion without noise.
 constexpr double RESTLESS = 0.5;
 constexpr double ROUNDING = 1e-9;        // smaller second differences, relative to the value, are rounding, not noise
 constexpr double RECENT_SLOTS = 128;     // over which restlessness and roughness are averaged
 constexpr double ROUGHNESS_FACTOR = 6;   // mean steps between neighbours: seven standard deviations of white noise
-constexpr double STEPS_TO_JUDGE = 16;    // before roughness is known well enough
+constexpr double STEPS_TO_JUDGE = 16;    // needed before roughness is known well enough
 
-// Python's // for whole numbers: rounded down, also below zero.
+// Python's // for integers: rounded down, also below zero.
 int64_t floor_divide(int64_t a, int64_t b) { return a / b - (a % b != 0 && (a < 0) != (b < 0)); }
 
-// Give samples their slots, as SlotGrid.slot_of, up to a clock step or beyond slot `furthest`; mark which are ahead of
-// all before. Returns how many samples belong to the piece, how many of them are ahead, and how many of those are good.
+// Assign samples to slots, as SlotGrid.slot_of, up to a clock step or a slot beyond `furthest`; mark those later than
+// all before. Returns the number of samples in the piece, how many of them are ahead, and how many of those are good.
 tuple<int64_t, int64_t, int64_t> assign_slots(
     Integers time_ns, Flags good, int64_t origin_ns, int64_t period_ns, int64_t frontier, int64_t furthest,
     int64_t window_slots, bool passed, Vector<int64_t> slots, Vector<bool> ahead) {
@@ -37,12 +37,12 @@ tuple<int64_t, int64_t, int64_t> assign_slots(
     return {time_ns.size(), ahead_count, used};
 }
 
-// What is remembered of a channel, see slots.Channel.
+// The state of a channel, see slots.Channel.
 struct Memory {
     double recent[OUTSTANDING_SLOTS], last, step, bend, restless, repeated, restless_before, rough, steps;
 };
 
-// Judge the next slots of a channel, each by the one after it (see screen.Channel); returns whether anything is found.
+// Test the next slots of a channel, each with the one after it (see slots.Channel); returns whether a fault is found.
 bool judge(
     Floats values, Floats following, double limit, Vector<double> state, Vector<std::int8_t> kind,
     Vector<int64_t> since) {
@@ -55,7 +55,7 @@ bool judge(
         const double value = values[k];
         if (isnan(value)) continue;
         const double after = following[k], far = limit + ROUGHNESS_FACTOR * rough / max(steps, 1.0);
-        // Do this slot, and perhaps some before it, stand out from the slot before them and the one after?
+        // Are this slot, and perhaps some before it, far from both the slot before them and the one after?
         if (steps >= STEPS_TO_JUDGE && abs(value - after) > far) {
             for (int64_t count : range(1, OUTSTANDING_SLOTS + 1)) {
                 const double anchor = at(k - count);
@@ -79,7 +79,7 @@ bool judge(
                 repeated += 1.0;
             }
             const double next_step = value - last, next_bend = next_step - step;
-            // As in noise: do not branch.
+            // Without a branch: in noise it would be unpredictable.
             const bool turns = (next_bend * bend < 0.0) & (abs(next_bend) > ROUNDING * abs(value));
             restless += (turns - restless) / RECENT_SLOTS;
             step = next_step, bend = next_bend;

@@ -1,13 +1,13 @@
-// Laws of sojourns (rwa_monitor/switching/duration_likelihoods.py), densities of measured values (diagnosis/model.py).
+// Duration laws (rwa_monitor/switching/duration_likelihoods.py), densities of measured values (diagnosis/model.py).
 #include "arrays.hpp"
 
 namespace rwa {
 namespace {
 // ---- sojourns ----
 
-constexpr double SOFT_SHARE = 1e-3;     // of the broad law in every duration law
-constexpr double MISSED_SHARE = 1e-2;   // probability that a jump leaves no candidate: a short sojourn, or in a gap
-constexpr double CARRIED_TRUST = 0.95;  // that the last configuration given by an earlier window is right
+constexpr double SOFT_SHARE = 1e-3;     // share of the broad law in every duration law
+constexpr double MISSED_SHARE = 1e-2;   // probability that a jump has no candidate: a short sojourn, or in a gap
+constexpr double CARRIED_TRUST = 0.95;  // probability that the configuration given by an earlier window is right
 enum { DOWN, UP };
 
 // See duration_likelihoods.Chain.
@@ -29,18 +29,18 @@ double broad_survival(double slots, double mean) {
     return share * share;
 }
 
-// P(τ ≥ slots), from the law's own, mixed with the broad law's.
+// P(τ ≥ slots) of a law, mixed with that of the broad law.
 double soft_survival(double survival, double slots, double mean) {
     return (1.0 - SOFT_SHARE) * survival + SOFT_SHARE * broad_survival(slots, mean);
 }
 
-// P(τ = slots), from the law's P(τ ≥ slots) and P(τ ≥ slots + 1), likewise.
+// P(τ = slots) of the same mixture, from the law's P(τ ≥ slots) and P(τ ≥ slots + 1).
 double soft_pmf(double survival, double following, double slots, double mean) {
     const double broad = broad_survival(slots, mean) - broad_survival(slots + 1.0, mean);
     return (1.0 - SOFT_SHARE) * (survival - following) + SOFT_SHARE * broad;
 }
 
-// A log-probability of the first sojourn, in q: of a mixture where earlier windows give its configuration.
+// Log-probability of the first sojourn, in q: of a mixture where an earlier window gives its configuration.
 double log_first(double unknown, double known, int64_t q, int64_t configuration) {
     if (configuration < 0) return log(unknown);
     return log((1.0 - CARRIED_TRUST) * unknown + (q == configuration ? CARRIED_TRUST * known : 0.0));
@@ -72,7 +72,7 @@ void tabulate(
         const double known = soft_survival(whole[1], first.age + slots, mean) / alive;
         stay(q, 0) = log_first(chain.never[q], known, q, first.configuration);
         if (q + 1 == configurations) continue;
-        const double both = mean + chain.means[q + 1];  // of two sojourns in a row, up or down, seen as one
+        const double both = mean + chain.means[q + 1];  // mean of two sojourns with a missed jump between them
         const double log_up = log(MISSED_SHARE) + chain.turn(q, UP) + log(2.0 / both);
         const double log_down = log(MISSED_SHARE) + chain.turn(q + 1, DOWN) + log(2.0 / both);
         for (int64_t i : range(count)) {
@@ -90,8 +90,8 @@ void tabulate(
 
 // ---- densities ----
 
-constexpr double OTHER_SIZE = 0.05;      // share of anomalies that have another size than those learned
-constexpr double GAUSSIAN_WIDTH = 1e-3;  // of its softness, below which a band is a Gaussian
+constexpr double OTHER_SIZE = 0.05;      // share of anomalies of another size than those learned
+constexpr double GAUSSIAN_WIDTH = 1e-3;  // width over softness, below which a band is a Gaussian
 constexpr int LEVEL_NUMBERS = 8;
 
 // The standard normal distribution function.
@@ -105,7 +105,7 @@ double density_in(double value, double sigma, double low, double high, double so
         const double deviation = distance / sigma;
         return exp(-0.5 * (deviation * deviation)) / (sigma * sqrt(2.0 * M_PI));
     }
-    // The tail with both arguments of one sign, so that the difference keeps its digits on either side.
+    // By the lower tail at -distance, so that the difference keeps its digits on either side.
     return (below((0.5 * width - distance) / sigma) - below((-0.5 * width - distance) / sigma)) / width;
 }
 
@@ -119,7 +119,7 @@ struct Softened {
           anomalous(hypot(of[5], std)) {}
 };
 
-// Of a measured value: under nominal and under anomalous, and the probability that it lies in no learned band.
+// Densities of a measured value under nominal and under anomalous, and the probability that it lies in no learned band.
 array<double, 3> level_density(double value, const Softened& level) {
     const double low = level.numbers[0], high = level.numbers[1], soft = level.numbers[2];
     const double stray_share = level.numbers[6], reach = level.reach;
@@ -139,8 +139,8 @@ array<double, 3> level_density(double value, const Softened& level) {
     return {nominal, anomalous, everything > 0.0 ? max(0.0, 1.0 - 0.5 * inside / everything) : 1.0};
 }
 
-// `level_density` (3, n, offsets) of measured values with each offset added; 1, 1 and NaN where a value is not finite or its
-// configuration was not learned.
+// `level_density` (3, n, offsets) of measured values with each offset added; 1, 1 and NaN where a value is not finite
+// or its configuration was not learned.
 NewCube densities(
     Integers configuration, Floats value, Floats std, Floats offset, FloatMatrix numbers) {
     NewCube found({3, value.size(), offset.size()}, 1.0);

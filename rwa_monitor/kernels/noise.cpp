@@ -1,22 +1,22 @@
-// The noise of a window, measured beside its jumps (see rwa_monitor/changepoints/noise.py).
+// The noise of a window, estimated in the presence of jumps (see rwa_monitor/changepoints/noise.py).
 #include "detection.hpp"
 
 namespace rwa {
 namespace {
 // The lowest three quarters of v·χ²₁ have the mean v · P(χ²₃ < q) / 0.75, with q the quantile of χ²₁ at 0.75.
 constexpr double KEPT = 0.75, KEPT_MEAN = 0.36852405098355656;
-// A statistic beyond 12 v has this probability without a jump; beyond the last share the estimate is not corrected.
+// A statistic beyond 12 v has this probability without a jump; the correction for jumps is at most the last share.
 constexpr double JUMPED = 12.0, JUMPED_RATE = 0.0005320055051392492, MOST_JUMPED = 0.3;
-constexpr double BORROWED = 30.0;    // worth of the next narrower scale's variance, in independent contrasts
+constexpr double BORROWED = 30.0;    // weight of the next narrower scale's variance, in independent contrasts
 constexpr double LEAST_PAIRS = 8.0;  // of 64, at every lag of a block
 constexpr int64_t LENGTH = BLOCK + LAGS;
-constexpr double FEWEST = 200.0;          // counted statistics below which nothing follows of tails
-constexpr double LATTICE = 0.5;           // of the median that the variance lets expect
+constexpr double FEWEST = 200.0;          // statistics that a test of the tails needs
+constexpr double LATTICE = 0.5;           // of the median expected from the variance
 constexpr double GAUSSIAN_RATIO = 17.32;  // 99.5 % quantile over the median of squared Gaussian differences
 constexpr double LIGHT_TAIL = 1.05;       // a ratio this close to it is Gaussian: its standard error is 1.5 %
-constexpr double LEAST_SHARE = 0.8;  // of the variance by mean squares: heavy tails make a robust one smaller
+constexpr double LEAST_SHARE = 0.8;  // of the variance by mean squares: with heavy tails a robust one is smaller
 
-// Between the bins of the statistic's histogram [torque²].
+// The edges of the bins of the statistic's histogram [torque²].
 constexpr auto bin_edges = [] {
     array<double, BINS + 1> edges{};
     for (int64_t i : range(BINS + 1)) edges[i] = std::bit_cast<double>((FIRST_BIN + i) << BIN_SHIFT);
@@ -25,14 +25,14 @@ constexpr auto bin_edges = [] {
 double width_of(int64_t bin) { return bin_edges[bin + 1] - bin_edges[bin]; }
 double middle_of(int64_t bin) { return 0.5 * (bin_edges[bin] + bin_edges[bin + 1]); }
 
-// A scale's variance, measured on so many independent contrasts, leaning on the next narrower scale's.
+// A variance from so many independent contrasts, shrunk to the next narrower scale's (`borrowed`).
 double lean(double measured, double borrowed, double independent) {
     const double share = independent / (independent + BORROWED);
     return exp(share * log(measured) + (1.0 - share) * log(borrowed));
 }
 
-// v from the mean of the lowest three quarters of `total` statistics. A first estimate shows how many lie beyond
-// JUMPED v; more than the noise's share are jumps, and the three quarters are those of the rest.
+// v from the mean of the lowest three quarters of `total` statistics. A first estimate gives how many lie beyond
+// JUMPED v; those in excess of the noise's share are jumps, and the three quarters are taken of the others.
 double trimmed_variance(Integers counts, int64_t total) {
     // Counts, and sum of the statistics, of all bins below each one, as far as three quarters of all.
     array<double, BINS> before{}, weight_before{};
@@ -49,7 +49,7 @@ double trimmed_variance(Integers counts, int64_t total) {
     for (int round = 0; round < 4; ++round) {
         const double kept = KEPT * (1.0 - jumped) * total;
         while (before[place] >= kept) --place;
-        // Within a bin counts are taken as evenly spread.
+        // Counts are taken as uniform within a bin.
         const double rest = kept - before[place];
         weighted = weight_before[place] + rest * (bin_edges[place] + 0.5 * rest / counts[place] * width_of(place));
         variance = weighted / kept / KEPT_MEAN;
@@ -59,12 +59,12 @@ double trimmed_variance(Integers counts, int64_t total) {
         if (end < BINS) seen += counts[end] * max(JUMPED * variance - bin_edges[end], 0.0) / width_of(end);
         const double last = jumped;
         jumped = min(max(1.0 - seen / total - JUMPED_RATE, 0.0), MOST_JUMPED);
-        if (jumped == last) break;  // as nearly always, at once: nothing jumps
+        if (jumped == last) break;  // nearly always in the first round: no jumps
     }
     return variance;
 }
 
-// The sum of LAGS values, as eight side by side.
+// The sum of LAGS values, as eight partial sums.
 double sum_of_lags(const double* row) {
     double part[8] = {}, total = 0.0;
     for (int64_t lag = 0; lag < LAGS; lag += 8) {
@@ -74,12 +74,12 @@ double sum_of_lags(const double* row) {
     return total;
 }
 
-// What the block's own level and slope leave of its friction; 0 where not used.
+// Friction of a block relative to its first sample, less the block's own slope; 0 where not used.
 VECTORISED void remainders(
     const double* __restrict x, const double* __restrict z, const bool* __restrict used, double slope, double weight,
     double* __restrict good, double* __restrict e) {
     double u[LENGTH], v[LENGTH];
-    for (int64_t i : range(LENGTH)) {  // without branches: several slots at once
+    for (int64_t i : range(LENGTH)) {  // without branches: vectorised
         good[i] = used[i];
         u[i] = (x[i] - x[0]) * good[i];
         v[i] = (z[i] - z[0]) * good[i];
@@ -97,7 +97,7 @@ VECTORISED void remainders(
     for (int64_t i : range(LENGTH)) e[i] = v[i] - own * u[i];
 }
 
-// Half the squared differences of used samples at each lag, and how many pairs they are.
+// Sum of half the squared differences of used samples at each lag, and the number of pairs.
 VECTORISED void differences(
     const double* __restrict e, const double* __restrict good, double* __restrict sums, double* __restrict pairs) {
     double sum[LAGS] = {}, pair[LAGS] = {};
@@ -146,7 +146,7 @@ void block_differences(
     }
 }
 
-// γ(0) - γ(l) at the lags 1 … LAGS and the pairs behind it, over the full blocks that do not stand out upwards.
+// γ(0) - γ(l) at the lags 1 … LAGS and its number of pairs, over the full blocks without those of high variance.
 tuple<NewFloats, NewFloats> quiet_levels(FloatMatrix sums, FloatMatrix pairs) {
     const int64_t blocks = sums.shape[0];
     NewFloats score(blocks, NAN), full;
@@ -175,8 +175,8 @@ tuple<NewFloats, NewFloats> quiet_levels(FloatMatrix sums, FloatMatrix pairs) {
     return {levels, counts};
 }
 
-// The variance of each scale's contrast that the levels imply: v = -w Σ r(l) (γ(0) - γ(l)), r the correlation of its
-// weights -1/w and +1/w; 0 where it is longer than the lags reach.
+// The variance of each scale's contrast that the levels imply: v = -w Σ r(l) (γ(0) - γ(l)), r the autocorrelation of
+// its weights -1/w and +1/w; 0 where the contrast is longer than the lags.
 NewFloats contrast_variances(Floats levels, Integers scales) {
     NewFloats variances(scales.size());
     for (int64_t s : range(scales.size())) {
@@ -191,7 +191,7 @@ NewFloats contrast_variances(Floats levels, Integers scales) {
     return variances;
 }
 
-// ---- how heavy its tails are ----
+// ---- tails of the noise ----
 
 Quantiles quantiles_of(Integers counts) {
     int64_t sum = 0, seen = 0, middle = 0, end = 0;
@@ -213,13 +213,13 @@ Quantiles quantiles_of(Integers counts) {
 bool are_heavy(const Quantiles& quantiles, double variance) {
     const auto [total, median, far] = quantiles;
     if (total < FEWEST) return false;
-    // Neighbours that are mostly equal: coarse quantisation, whose quantiles show nothing of tails.
+    // Neighbours are mostly equal: with coarse quantisation the quantiles carry no information on the tails.
     if (median < LATTICE * variance * CHI_MEDIAN) return false;
     // The 99.5 % quantile has a relative standard error of about 0.225/√(0.005 n).
     return far > GAUSSIAN_RATIO * (LIGHT_TAIL + 3 * 0.225 / sqrt(0.005 * total)) * median;
 }
 
-// ---- all of it ----
+// ---- all estimates of the noise ----
 
 Noise learn_noise(
     FloatMatrix block_sums, FloatMatrix block_pairs, IntegerMatrix histogram, Integers scales,
@@ -228,7 +228,7 @@ Noise learn_noise(
     auto variances = scale_variances(histogram, scales, start_variance);
     auto implied = contrast_variances(levels, scales);
     for (int64_t s : range(scales.size())) {
-        // With coarse quantisation neighbours are mostly equal: quantiles show little, mean squares hold the variance.
+        // With coarse quantisation neighbours are mostly equal: quantiles are too small, mean squares are not.
         variances[s] = max(variances[s], LEAST_SHARE * implied[s]);
     }
     return {levels, counts, variances, quantiles_of(histogram.row(0))};

@@ -9,8 +9,8 @@ Sums moments(int64_t start, int64_t stop, const SumArrays& arrays) {
     return moments_between(prefix_moments(start, arrays), prefix_moments(stop, arrays), arrays.centre);
 }
 
-// Centre sums that hold nothing yet on the medians of the first used slots of [start, stop), about to be added: one wild
-// first sample must not become the origin of all sums. Not inlined: that costs the loop of `extend_sums` half its speed.
+// Centre empty sums on the medians of the first used slots of [start, stop), about to be added: a first sample that is
+// an outlier must not become the centre. Not inlined: that would halve the speed of the loop of `extend_sums`.
 [[gnu::noinline]] void find_centre(const SumArrays& arrays, Floats running, int64_t start, int64_t stop) {
     if (running[0] > 0.0) return;
     const bool* const first = find(arrays.used.data + start, arrays.used.data + stop, true);
@@ -34,7 +34,7 @@ void extend_sums(const SumArrays& arrays, Vector<double> running, int64_t start,
     const double* __restrict z = arrays.z.data;
     const bool* __restrict used = arrays.used.data;
     const double x_centre = arrays.centre[0], z_centre = arrays.centre[1];
-    double sums[6];  // in one array: as six variables GCC makes half of them a vector, at twice the time
+    double sums[6];  // one array: with six variables GCC vectorises half of them, which takes twice the time
     copy(running, sums);
     for (int64_t k = start; k < stop;) {
         const int64_t checkpoint = k - k % STRIDE + STRIDE;
@@ -59,12 +59,12 @@ bool range_moments(Integers start, Integers stop, int64_t slots, const SumArrays
     return true;
 }
 
-// An interval is left without `exclude` slots on each side of each changepoint, at most a quarter of it at each end; one
-// whose kept part has no used sample counts with all its slots.
+// Each interval is used without `exclude` slots on each side of each changepoint, at most a quarter of it at each end;
+// where that leaves no used sample, with all its slots.
 tuple<double, double> slope_within(
     int64_t slots, Integers index, Integers exclude, const SumArrays& arrays, double variance, double prior_mean,
     double prior_std) {
-    double sxx = 0.0, sxz = 0.0, xx = 0.0;  // about the intervals' own means, but the last
+    double sxx = 0.0, sxz = 0.0, xx = 0.0;  // the first two about the intervals' own means
     for (int64_t i : range(index.size() + 1)) {
         const int64_t first = i > 0 ? index[i - 1] : 0, last = i < index.size() ? index[i] : slots;
         const int64_t most = (last - first) / 4;
@@ -87,23 +87,24 @@ tuple<double, double> slope_within(
     return {sxz / sxx, sqrt(variance / sxx)};
 }
 
-// ---- direction, dead band and wheel angle beside the sums: of no use before the close of a window ---------------------
+// ---- direction, dead band and wheel angle: not used before the close of a window ------------------------------------
 
 #ifndef RWA_ONBOARD
 namespace {
-// Stretches in which the friction is compared with the angle: long enough that a ripple of half the noise's standard
-// deviation has five times the power of noise in one of them, short enough that the speed's noise leaves the phase
-// coherent (`torque_ripple.coherent_slots`: 278 slots for the 48th harmonic at 0.01 rad/s and 8 Hz).
+// Slots of a segment in which the friction is compared with the angle: long enough that a ripple of half the noise's
+// standard deviation has five times the power of noise in a segment, short enough that the phase stays coherent in
+// spite of the speed's noise (`torque_ripple.coherent_slots`: 278 slots for the 48th harmonic at 0.01 rad/s and 8 Hz).
 constexpr int64_t STRETCH = 256;
 constexpr int64_t SIDE = 16;  // √STRETCH
-// A tachometer's dead zone: readings of exactly zero, then the first other one lies further off than the speed's noise
-// and than the next ones from each other. With coarse quantisation they do not; a reading of zero from full speed is a fault
-// of telemetry.
+// A tachometer's dead zone: readings of exactly zero, then a first one further from zero than the speed's noise and
+// than the next ones are from each other. With coarse quantisation it is not; a reading of zero from full speed is a
+// telemetry fault.
 constexpr double FEWEST_ZEROS = 3.0, GAP_IN_STEPS = 3.0;
 constexpr double LARGEST_GAP = 0.1;  // of the nominal speed
-// Turns in a slot, whole ones apart, below which a harmonic looks like slow friction: four in a stretch. Of faster ones
-// a jump in a stretch holds at most 0.81 / (STRETCH·turns²) = 13 where noise holds 2, whatever its size. At one speed
-// each stretch shows a harmonic at the same turns: of slower ones, jumps would add up to a ripple.
+// Turns in a slot, modulo whole ones, below which a harmonic mimics slow friction: four in a segment. For faster ones
+// the power of a jump in a segment is at most 0.81 / (STRETCH·turns²) = 13, where that of noise is 2, whatever its
+// size. At constant speed a harmonic has the same turns in each segment: for slower ones, jumps would add up to a
+// ripple.
 constexpr double SLOWEST_TURNS = 4.0 / STRETCH;
 
 // A quarter of a turn in two parts, of which the first has so few digits that any whole multiple of it is exact.
@@ -116,8 +117,8 @@ constexpr double COSINE_TERMS[] = {1.0 / 20922789888000.0, -1.0 / 87178291200.0,
                                    1.0 / 40320.0,          -1.0 / 720.0,         1.0 / 24.0,        -1.0 / 2.0,
                                    1.0};
 
-// cos and sin of each angle [rad]: several at once, and the same on every machine, unlike libm's. Taylor's series, to
-// the last digit within an eighth of a turn of the nearest quarter; what the quarters' own rounding adds is below 1e-16
+// cos and sin of each angle [rad]: vectorised, and the same on every machine, unlike libm's. Taylor's series, exact to
+// the last digit within an eighth of a turn of the nearest quarter; the error from rounding the quarters is below 1e-16
 // of the angle.
 VECTORISED void rotations(
     const double* __restrict angle, int64_t n, double* __restrict cosine, double* __restrict sine) {
@@ -138,7 +139,7 @@ VECTORISED void rotations(
     }
 }
 
-// The sum of each column of (SIDE, SIDE), all columns side by side and no addition after all.
+// The sum of each column of (SIDE, SIDE), by pairwise additions, vectorised over the columns.
 inline void add_up_columns(const double* square, double* sums) {
     for (int64_t c : range(SIDE)) {
         const auto at = [&](int64_t row) { return square[row * SIDE + c]; };
@@ -147,8 +148,8 @@ inline void add_up_columns(const double* square, double* sums) {
     }
 }
 
-// 2|Σ e exp(ihθ)|² / Σ e² of each harmonic h, e the friction of a stretch less a straight line in time; harmonics
-// slower than SLOWEST_TURNS are left as they are.
+// 2|Σ e exp(ihθ)|² / Σ e² of each harmonic h, e the friction of a segment less a straight line in time; not written for
+// harmonics slower than SLOWEST_TURNS.
 VECTORISED void ripple_power(const double* x, const double* z, double angle_per_x, double* power, int64_t harmonics) {
     double mean = 0.0, tilt = 0.0, spread = 0.0;
     for (int64_t k : range(STRETCH)) {
@@ -174,7 +175,7 @@ VECTORISED void ripple_power(const double* x, const double* z, double angle_per_
         double real_sums[SIDE], imaginary_sums[SIDE];
         add_up_columns(real, real_sums);
         add_up_columns(imaginary, imaginary_sums);
-        for (int64_t k : range(STRETCH)) {  // all turn on by one more harmonic
+        for (int64_t k : range(STRETCH)) {  // rotate all to the next harmonic
             const double turned = real[k] * c[k] - imaginary[k] * s[k];
             imaginary[k] = real[k] * s[k] + imaginary[k] * c[k];
             real[k] = turned;
@@ -190,8 +191,8 @@ VECTORISED void ripple_power(const double* x, const double* z, double angle_per_
     }
 }
 
-// Runs of zeros, and those that end in a gap. `state` (5,), carried from piece to piece: zeros in a row, the first and
-// the second reading after them, zero runs and plateaus so far.
+// Count runs of zeros, and those that end in a gap (plateaus). `state` (5,), carried from piece to piece: zeros in a
+// row, the first and the second reading after them, runs of zeros and plateaus so far.
 void find_plateaus(Floats x, Flags good, double certain, Vector<double> state) {
     for (int64_t k : range(x.size())) {
         if (state[0] == 0.0 && x[k] != 0.0) continue;
@@ -216,7 +217,7 @@ void find_plateaus(Floats x, Flags good, double certain, Vector<double> state) {
 }
 }  // namespace
 
-// Add the good slots, and those forward less those backward, to their blocks; `first` is the slot of the first one.
+// Add the good slots, and the forward less the backward ones, to their blocks; `first` is the slot of the first sample.
 VECTORISED void count_signs(int64_t first, Floats speed, Flags good, Vector<int64_t> signs, Vector<int64_t> counts) {
     const double* __restrict turning = speed.data;
     const auto* __restrict there = reinterpret_cast<const unsigned char*>(good.data);  // else not vectorised
@@ -239,7 +240,7 @@ void extend_structure(
     double angle_per_x, int64_t hop, const StructureArrays& arrays) {
     for (int64_t first = start; first < stop;) {
         const int64_t block = first / BLOCK, end = min((block + 1) * BLOCK, stop), n = end - first;
-        if (!std::equal(&good[first], &good[first] + n, &used[first])) {  // in few blocks, as the next
+        if (!std::equal(&good[first], &good[first] + n, &used[first])) {  // in few blocks, as below
             for (int64_t k : range(first, end)) {
                 if (!good[k] || used[k] || !(motion[k] > certain)) continue;
                 arrays.near_zero(0, block) += 1.0;

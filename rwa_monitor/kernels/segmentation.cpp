@@ -6,12 +6,12 @@
 namespace rwa {
 namespace {
 
-constexpr int64_t COARSE_FROM = 2000;  // samples from which jumps are first looked for between blocks
-constexpr int64_t BLOCK = 4;           // samples to a block
-constexpr int64_t REFINE = 6;          // slots to each side of a coarse jump that are tried
-constexpr double ROOM_TO_JUMPS = 2.0;       // penalties above the least cost where DeCAFS first cuts the cost off
+constexpr int64_t COARSE_FROM = 2000;  // samples from which jumps are first searched between blocks
+constexpr int64_t BLOCK = 4;           // samples of a block
+constexpr int64_t REFINE = 6;          // slots on each side of a coarse jump that are tried
+constexpr double ROOM_TO_JUMPS = 2.0;       // penalties above the least cost at which DeCAFS first truncates the cost
 
-// On [edge, edge of the next) the least cost of a level μ is bend (μ - centre)² + least, that of the jumps of one
+// On [edge, edge of the next) the minimum cost of a level μ is bend (μ - centre)² + least, with the jumps of one
 // history.
 struct Parabola {
     double bend, centre, least, edge;
@@ -19,10 +19,10 @@ struct Parabola {
 };
 using Parabolas = vector<Parabola>;  // of one function, from left to right
 
-// Where a part of a function ends; the last one's end is `last`.
+// The end of a part of a function; that of the last part is `last`.
 double end_of(const Parabolas& parts, size_t i, double last) { return i + 1 < parts.size() ? parts[i + 1].edge : last; }
 
-// Append the lesser of a parabola and a constant on [from, to).
+// Append the minimum of a parabola and a constant on [from, to).
 void append(Parabolas& envelope, const Parabola& p, double from, double to, const Parabola& constant) {
     const auto put = [&](const Parabola& part, double start, double end) {
         if (!(end > start) || (!envelope.empty() && envelope.back().history == part.history)) return;
@@ -37,7 +37,7 @@ void append(Parabolas& envelope, const Parabola& p, double from, double to, cons
     put(constant, right, to);
 }
 
-// The mean of each block of samples, from their running sums, and how many samples it has.
+// The mean of each block of samples, from their running sums, and its number of samples.
 void block_means(Floats running, int64_t block, NewFloats& means, NewFloats& weights) {
     const int64_t size = running.size() - 1, count = (size + block - 1) / block;
     means.resize(count);
@@ -66,7 +66,7 @@ void move_jumps(Floats running, NewIntegers& edges) {
     }
 }
 
-// Drop, weakest first, the jumps that are not worth the penalty; returns whether there was one.
+// Drop, weakest first, the jumps that lower the cost by less than the penalty; returns whether there was one.
 bool drop_jumps(Floats running, NewIntegers& edges, double penalty) {
     for (bool dropped = false;; dropped = true) {
         int64_t weakest = 0;
@@ -93,7 +93,7 @@ struct Step {
     double value, phi, v;
 };
 
-// The least over μ' of p(μ') + (value + φ μ' - μ)² / v, as a function of μ, and the penalty: the level jumps.
+// The minimum over μ' of p(μ') + (value + φ μ' - μ)² / v, as a function of μ, plus the penalty: the level jumps.
 Parabola jumped(const Parabola& p, const Step& step, double penalty) {
     const double bend = 1.0 / (step.v + step.phi * step.phi / p.bend);
     return {bend, step.value + step.phi * p.centre, p.least + penalty, 0.0, p.history};
@@ -106,8 +106,8 @@ Parabola stayed(const Parabola& p, const Step& step) {
     return {bend, centre, p.least + p.bend / step.v * apart * apart / bend, p.edge, p.history};
 }
 
-// Where q - p falls through 0 and where it rises. If q bends at least as p does, q < p from there to here; else, q < p
-// left of `rising` and right of `falling`.
+// Where q - p crosses 0 downwards and where upwards. If q bends at least as p does, q < p between `falling` and
+// `rising`; else, q < p left of `rising` and right of `falling`.
 struct Crossings {
     double falling, rising;
 };
@@ -124,9 +124,9 @@ Crossings crossings(const Parabola& p, const Parabola& q) {
     return {p.centre + (b - root) / bend, p.centre + c / (b - root)};
 }
 
-// Add the next parabola to the lower envelope of those before, on (low, high). They come in the order of their places
-// before a step, and a step keeps it: the best μ' never falls as μ rises (or never rises), so that of two parabolas the
-// later one takes over where it becomes less. That is at `limit` at the latest.
+// Add the next parabola to the lower envelope of the previous ones, on (low, high). They come in their order before a
+// step, which a step preserves: the best μ' is monotonic in μ, so that of two parabolas the later one is the minimum
+// from where it becomes less, which is at `limit` at the latest.
 void lay(Parabolas& envelope, Parabola next, double low, double high) {
     for (double limit = high; !envelope.empty(); envelope.pop_back()) {
         const Parabola& last = envelope.back();
@@ -142,7 +142,7 @@ void lay(Parabolas& envelope, Parabola next, double low, double high) {
     envelope.push_back(next);
 }
 
-// The lower envelope of parabolas in order, each with its least below a constant, exact wherever it is below that.
+// The lower envelope of parabolas in order, each with its minimum below a constant, exact where it is below that.
 void envelope_below(const Parabola& constant, const Parabolas& parabolas, Parabolas& out) {
     double low = INFINITY, high = -INFINITY;
     for (const Parabola& p : parabolas) {
@@ -155,7 +155,7 @@ void envelope_below(const Parabola& constant, const Parabolas& parabolas, Parabo
     if (out.empty()) out.push_back(constant);
 }
 
-// The least of two envelopes and a constant.
+// The minimum of two envelopes and a constant.
 void least_of(const Parabolas& first, const Parabolas& second, const Parabola& constant, Parabolas& out) {
     out.clear();
     double from = -INFINITY;
@@ -180,8 +180,8 @@ const Parabola& least_in(const Parabolas& parts) {
     return *min_element(parts, less);
 }
 
-// `decafs` with the cost as a function of μ cut off at its least value and `room`, of unknown history where it is: what
-// is found costs no more than the best, so it is the best where its own history is known.
+// `decafs` with the cost as a function of μ truncated at its minimum plus `room`, with an unknown history there. The
+// cost of the result is at most that of the optimum, so it is the optimum where its history is known; else nothing.
 std::optional<NewIntegers> decafs_within(
     const Floats& z, const Floats& phi, const Floats& v, double penalty, double room) {
     vector<Jump> jumps;
@@ -198,7 +198,7 @@ std::optional<NewIntegers> decafs_within(
         const double top = min(least_in(stay).least, best.least + penalty) + room;
         const Parabola constant{0.0, 0.0, top, -INFINITY, history(k, UNKNOWN)};
         if (step.phi < 0.0) reverse(cost);
-        if (step.phi * step.phi == 0.0) cost = {best};  // all are alike
+        if (step.phi * step.phi == 0.0) cost = {best};  // the former level has no influence
         moved.clear();
         for (const Parabola& p : cost) {
             if (p.bend > 0.0 && p.least + penalty < top) moved.push_back(jumped(p, step, penalty));
@@ -217,7 +217,7 @@ std::optional<NewIntegers> decafs_within(
 
 }  // namespace
 
-// The jumps of weighted values: FPOP. A history is its last jump.
+// The jumps of weighted values, by FPOP. A history is its last jump.
 NewIntegers fpop(Floats z, Floats weight, double penalty) {
     const double low = *min_element(z), high = *max_element(z);
     Parabolas cost{{0.0, 0.0, 0.0, low, 0}}, capped;
@@ -247,8 +247,8 @@ NewIntegers fpop(Floats z, Floats weight, double penalty) {
     return found;
 }
 
-// The jumps of a level in autoregressive noise: DeCAFS (Romano et al., J. Am. Stat. Assoc. 117, 2022), without a walk of
-// the level. Each history's cost is one parabola in μ, so that the minimum over μ' is exact.
+// The jumps of a level in autoregressive noise: DeCAFS (Romano et al., J. Am. Stat. Assoc. 117, 2022), without a random
+// walk of the level. Each history's cost is one parabola in μ, so that the minimum over μ' is exact.
 NewIntegers decafs(Floats z, Floats correlation, Floats innovation_variance, double penalty) {
     for (double room = ROOM_TO_JUMPS * penalty;; room *= 2.0) {
         auto found = decafs_within(z, correlation, innovation_variance, penalty, room);
@@ -256,8 +256,8 @@ NewIntegers decafs(Floats z, Floats correlation, Floats innovation_variance, dou
     }
 }
 
-// The jumps of a sequence, from its running sums; in a long one between blocks, each jump then moved to its best sample,
-// and the second dropped of two that framed one block with a jump in it.
+// The jumps of a sequence, from its running sums. In a long one they are first found between blocks, then moved to
+// their best samples, and the superfluous one is dropped of two around a block with a jump in it.
 NewIntegers segment_sums(Floats running, double penalty) {
     const int64_t n = running.size() - 1, block = n + 1 > COARSE_FROM ? BLOCK : 1;
     NewFloats means, weights;
@@ -274,16 +274,16 @@ NewIntegers segment_sums(Floats running, double penalty) {
     return {edges.begin() + 1, edges.end() - 1};
 }
 
-// What a segment's samples sum up to, x relative to the segment's first block; `scale` brings the next block's there.
+// Sums of a segment, x relative to the segment's first block; `scale` converts the x of the next block.
 struct CurveSums {
     int64_t first;
     double scale = 1.0, n = 0.0, x = 0.0, z = 0.0, xx = 0.0, xz = 0.0, zz = 0.0;
 };
 
-// The first block of each segment but the first, of which each is a level or a level and a multiple of x, from each
-// block's sums (6, blocks) of 1, x, z, xx, xz, zz, and the factor `keep` from its x to the next one's: optimal
+// The first block of each segment but the first, where a segment is a level or a level and a multiple of x, from each
+// block's sums (6, blocks) of 1, x, z, xx, xz, zz, and the factor `keep` from its x to that of the next: optimal
 // partitioning (Jackson et al., IEEE Signal Processing Letters 12, 2005) with the pruning of PELT (Killick et al.,
-// J. Am. Stat. Assoc. 107, 2012), which a segment of two parameters in place of two of one makes later by a penalty.
+// J. Am. Stat. Assoc. 107, 2012), a penalty later, since one segment of two parameters may replace two of one.
 NewIntegers optimal_curves(FloatMatrix sums, Floats keep, double penalty) {
     const int64_t count = sums.shape[1];
     NewFloats best(count + 1, -penalty), costs(count + 1);

@@ -5,18 +5,18 @@ namespace rwa {
 // Variances of the parts of the noise.
 struct NoiseLaw {
     double white;        // of the measurement noise of each sample
-    double coloured;     // stationary variance of the AR(1) part
+    double coloured;     // stationary variance of the AR(1) noise
     double correlation;  // its φ from slot to slot
     double level;        // of a recording's level about the common one
     FIELDS(white, coloured, correlation, level)
 };
 
-// What a sample shows: the variance of its innovation, and the gains of level and coloured noise.
+// The update by a sample: the variance of its innovation, and the gains of level and AR(1) noise.
 struct Gains {
     double variance, level, coloured;
 };
 
-// Covariance of the level l and the coloured noise a, given the samples so far.
+// Covariance of the level l and the AR(1) noise a, given the samples so far.
 struct Covariance {
     double ll = 0.0, la = 0.0, aa = 0.0;
 
@@ -24,7 +24,7 @@ struct Covariance {
         la *= power;
         aa = power * power * aa + coloured * (1.0 - power * power);
     }
-    // A level of which nothing is known: the sample only sets it.
+    // A level with a diffuse prior: the sample determines it, and has no innovation.
     void reset(double s, double white) {
         ll = (aa + white) / (s * s);
         la = -aa / s;
@@ -44,9 +44,9 @@ struct Covariance {
 //   y_k = s_k l_k + a_k + w_k,   l_k = l_{k-1},   a_k = φ^gap a_{k-1} + N(0, ·)
 //
 // whose gains are the same for friction and all regressors (de Jong 1991, "The diffuse Kalman filter"; Harvey 1989,
-// section 3.4). `gap` counts the slots since the sample before, 0 where a recording begins: there all begins anew. At a
-// jump nothing is known of the level. Row k of `gains` (n, 4) becomes 1/√S_k, 0 at a jump, the gains of l and a, and
-// φ^gap. Returns Σ log S_k of the same samples without jumps: that of the covariance.
+// section 3.4). `gap` counts the slots since the previous sample, 0 where a recording begins and the filter restarts.
+// At a jump the level has a diffuse prior. Row k of `gains` (n, 4) becomes 1/√S_k, 0 at a jump, the gains of l and a,
+// and φ^gap. Returns Σ log S_k of the same samples without jumps, the log-determinant of their covariance.
 double filter_gains(Floats sign, Integers gap, Integers jumps, const NoiseLaw& law, Matrix<double> gains) {
     Covariance jumping, smooth;
     double log_determinant = 0.0, power = law.correlation;
@@ -73,7 +73,7 @@ double filter_gains(Floats sign, Integers gap, Integers jumps, const NoiseLaw& l
     return log_determinant;
 }
 
-// Whiten the rows from row j on, P at a time: their recursions wait for themselves, not for each other.
+// Whiten the rows from row j on, P at a time: the recursions of different rows run in parallel.
 template <int64_t P>
 void whiten_rows(Matrix<double> columns, Floats sign, Integers gap, FloatMatrix gains, int64_t& j) {
     for (; j + P <= columns.shape[0]; j += P) {

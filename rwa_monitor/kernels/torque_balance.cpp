@@ -3,20 +3,20 @@
 namespace rwa {
 namespace {
 
-constexpr double CERTAIN_STDS = 1.0;  // of derived friction's noise: an error that is known to this can be taken out
+constexpr double CERTAIN_STDS = 1.0;  // of derived friction's noise: an error with a smaller uncertainty is corrected
 constexpr double OVER_NOISE = 4.0;  // standard deviations of the torque's own noise, or of derived friction's
-constexpr int64_t FEWEST_DIFFERENCES = 5;  // of the torque, that show its noise
-constexpr int64_t IN_A_STEP = 4;           // fourth differences that a step of the torque is in
-constexpr int64_t MANY_DIFFERENCES = 13;   // so many that those hardly move the median: a window of 17 slots
-constexpr double MOVES_THE_ROTOR = 0.5;  // share of a step of torque that the speed must show: between none and all
-constexpr double CLEAR_STDS = 3.0;       // by which that share must be above none: one slot in a thousand of noise
+constexpr int64_t FEWEST_DIFFERENCES = 5;  // of the torque, for an estimate of its noise
+constexpr int64_t IN_A_STEP = 4;           // fourth differences that a step of the torque affects
+constexpr int64_t MANY_DIFFERENCES = 13;   // so many that those hardly affect the median: a window of 17 slots
+constexpr double MOVES_THE_ROTOR = 0.5;  // share of a step of torque that must be in the speed: half way to all
+constexpr double CLEAR_STDS = 3.0;       // by which that share must exceed zero: one slot in a thousand of noise
 
-// How much of a shape a speed holds beside a polynomial, its standard deviation, that of what is left.
+// The coefficient of a shape in a speed given a polynomial, its standard deviation, that of the residual.
 struct Share {
     double share = 0.0, std = INFINITY, left_over = 0.0;
 };
 
-// Fill in `result` where the parabola through the samples that are left determines the slope well enough.
+// Fill in `result` where the parabola through the available samples determines the slope well enough.
 void bridge(Floats speed, Vector<double> result, int64_t half, double period_s, double max_variance_ratio) {
     const double full = (half * (half + 1) * (2 * half + 1)) / 3.0;  // Σ j² of a whole stencil: 1 / variance
     for (int64_t k : range(half, speed.size() - half)) {
@@ -38,8 +38,8 @@ void bridge(Floats speed, Vector<double> result, int64_t half, double period_s, 
     }
 }
 
-// The noise of a torque from the median of its fourth differences, which a step or a bend hardly moves. In a narrow
-// window a step is in as many of them as not: those over the largest step are left out there.
+// The noise of a torque from the median of its fourth differences, which a step or a bend hardly affects. In a narrow
+// window a step affects about half of them: those across the largest step are left out there.
 double noise_of(Floats torque) {
     const int64_t n = torque.size();
     const bool narrow = n - IN_A_STEP < MANY_DIFFERENCES;
@@ -62,8 +62,8 @@ double noise_of(Floats torque) {
     return enough ? median_in_place(differences) / (0.6745 * sqrt(70.0)) : 0.0;
 }
 
-// The error that the least-squares parabola through a torque makes, and its std; zeros where some is NaN.
-// Of a torque c·j² at slot j the filter's average is c·Σ W_i·(i² + (i + 1)²), and its value is 0.
+// The error of friction for the least-squares parabola through a torque, and its std; zeros where a torque is NaN.
+// Of a torque c·j² at slot j the filter's average is c·Σ W_i·(i² + (i + 1)²), and its value at slot 0 is 0.
 std::pair<double, double> error_of_parabola(Floats torque, Floats weights) {
     const int64_t half = weights.size();
     const double n = torque.size(), mean_square = (half * (half + 1)) / 3.0;  // of j
@@ -81,7 +81,7 @@ std::pair<double, double> error_of_parabola(Floats torque, Floats weights) {
     return {-average * curvature / spread, average * sqrt(max(left, 0.0) / (n - 3.0) / spread)};
 }
 
-// The slope of the least-squares line through those samples of a speed that are there, the one in the middle among them.
+// The slope of the least-squares line through the available samples of a speed, of which the middle one must be one.
 double slope_of(Floats speed) {
     const int64_t middle = speed.size() / 2;
     double n = 0.0, j1 = 0.0, j2 = 0.0, v0 = 0.0, v1 = 0.0;
@@ -99,13 +99,13 @@ double dot(const NewFloats& a, const NewFloats& b) {
     return std::inner_product(a.begin(), a.end(), b.begin(), 0.0);
 }
 
-// Take out of `values` what they hold of a unit vector.
+// Subtract from `values` their projection on a unit vector.
 void project_out(const NewFloats& unit, NewFloats& values) {
     const double amount = dot(unit, values);
     for (int64_t i : range(unit.size())) values[i] -= amount * unit[i];
 }
 
-// How much of a shape a speed holds beside a polynomial of this degree.
+// The coefficient of a shape in a speed, fitted together with a polynomial of this degree.
 Share share_beside(int degree, Floats shape, Floats speed) {
     NewFloats place, bent, beside;
     double origin = 0.0;
@@ -137,8 +137,8 @@ Share share_beside(int degree, Floats shape, Floats speed) {
     return {share, left_over / sqrt(energy), left_over};
 }
 
-// Set by how much derived friction is wrong where the derivative rounds off a bend of the speed: see the Python
-// function. `least_Nm` is NaN where the wheel's nominal friction is not known; then it is a share of friction itself.
+// Set the error of derived friction where the derivative smooths a bend of the speed: see the Python function.
+// `least_Nm` is NaN where the wheel's nominal friction is not known; then the limit is a share of friction itself.
 void rounding_error(
     Floats speed, Floats torque, Floats weights, double per_torque, double noise_gain, double least_Nm,
     double least_share, int64_t reach, bool soft, Vector<double> error) {
@@ -157,7 +157,7 @@ void rounding_error(
             off += weights[i] * (2.0 * here - 0.5 * (far + near));
             slope += weights[i] * steps;
         }
-        // Where between its two samples a step of torque acts is not known: half a slot to either side.
+        // The time of a step of torque between its two samples is not known: half a slot to either side.
         double uncertain = 0.0;
         for (int64_t i : range(half)) {
             const double right = t[i + 1] - t[i], left = t[-i] - t[-i - 1];
@@ -174,7 +174,8 @@ void rounding_error(
         const bool sudden = abs(off) > OVER_NOISE * noise;
         if (!(sudden || soft)) continue;
         if (!sudden) {
-            // A bend as long as the window shows in a parabola through the torque long before it shows in one sample.
+            // A bend as long as the window is significant in a parabola through the torque long before it is in a
+            // sample.
             tie(off, uncertain) = error_of_parabola(near_torque, weights);
             if (abs(off) <= max(enough, OVER_NOISE * uncertain)) continue;
         }
@@ -191,8 +192,8 @@ void rounding_error(
         if (line.share <= max(MOVES_THE_ROTOR, CLEAR_STDS * line.std)) continue;
         bool known = uncertain <= max(enough, CERTAIN_STDS * noise_gain * line.left_over);
         if (soft && known && abs(off) > OVER_NOISE * max(noise, noise_gain * line.left_over)) {
-            // Friction may jump while the torque bends smoothly. The speed follows the bend and not the jump: it shows
-            // which of both is sudden by what no cubic takes up, the speed under a torque that is a parabola.
+            // Friction may jump while the torque bends smoothly. The speed follows the bend and not the jump: it tells
+            // which of both is sudden by its residual from a cubic, the speed under a torque that is a parabola.
             const Share cubic = share_beside(3, bent, around);
             known = cubic.share > max(MOVES_THE_ROTOR, CLEAR_STDS * cubic.std);
         }

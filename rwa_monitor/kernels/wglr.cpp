@@ -3,11 +3,11 @@
 
 namespace rwa {
 namespace {
-constexpr int64_t STRETCH = CHUNK / 2;  // slots that are evaluated in one go at most; a multiple of BLOCK
+constexpr int64_t STRETCH = CHUNK / 2;  // largest number of slots evaluated at once; a multiple of BLOCK
 constexpr size_t MOST_PEAKS = 12'288;  // 0.5 MB; a window with more is pruned to the strongest half
 constexpr double NOT_EVALUATED = -1.0;  // a half holds too few used samples
 
-// Extend the prefix sums of a chunk by its slots [start, stop); they begin anew where start is the chunk's first slot.
+// Extend the prefix sums of a chunk by its slots [start, stop); they restart where start is the chunk's first slot.
 void fill_prefix(
     Matrix<double> prefix, Floats x, Floats z, Flags used, int64_t chunk, int64_t start, int64_t stop, double slope) {
     int64_t begin = start;
@@ -18,7 +18,7 @@ void fill_prefix(
             fill_n(&prefix(row, 0), HISTORY + begin - chunk + 1, 0.0);
         }
     }
-    // The centre is the first used sample that the sums of this chunk may hold.
+    // The centre is the first used sample from the chunk's HISTORY on.
     double x_centre = 0.0, z_centre = 0.0;
     for (int64_t k : range(earliest, stop)) {
         if (used[k]) {
@@ -39,7 +39,7 @@ void fill_prefix(
     }
 }
 
-// `evaluate`; where every slot is used the counts need not be read, and the operations are the same.
+// See `evaluate`; where every slot is used the counts are not read, and the operations are the same.
 template <bool AllUsed>
 ALWAYS_INLINE void evaluate_slots(
     const double* __restrict n, int64_t width, int64_t w, double weight, int64_t count, double* __restrict statistic,
@@ -65,8 +65,8 @@ ALWAYS_INLINE void evaluate_slots(
     }
 }
 
-// Statistic and jump of one scale at neighbouring slots, `column` the first one's end k + w; NOT_EVALUATED where a half
-// has fewer than max(1, w/2) used samples.
+// Statistic and jump of one scale at consecutive slots k, with `column` that of k + w for the first one; NOT_EVALUATED
+// where a half has fewer than max(1, w/2) used samples.
 VECTORISED void evaluate(
     FloatMatrix prefix, int64_t column, int64_t w, double weight, int64_t count, double* statistic,
     double* jump) {
@@ -93,7 +93,7 @@ void count_bins(int64_t* histogram, const double* statistic, int64_t first, int6
         const auto place = (std::bit_cast<std::uint64_t>(value) >> BIN_SHIFT) - FIRST_BIN;
         if (place < BINS) {
             ++histogram[place];
-        } else if (!std::signbit(value)) {  // which marks what was not evaluated
+        } else if (!std::signbit(value)) {  // negative: not evaluated
             ++histogram[value < 1.0 ? 0 : BINS - 1];
         }
     }
@@ -104,7 +104,7 @@ void count_bins(int64_t* histogram, const double* statistic, int64_t first, int6
 Detector::Detector(Integers half_widths)
     : scales(half_widths.begin(), half_widths.end()), histogram({half_widths.size(), BINS}),
       prefix({PREFIXES, HISTORY + CHUNK + 1}), open(scales.size(), {-1, -1}) {
-    // Peaks of one sign at one scale lie more than w apart, so a chunk cannot give more than this.
+    // Peaks of one sign at one scale lie more than w apart, so a chunk cannot have more than this.
     double most = 0.0;
     for (int64_t w : scales) most += 2.0 * CHUNK / (w + 1);
     chunk_peaks = static_cast<size_t>(std::ceil(most)) + 2 * scales.size();
@@ -113,8 +113,8 @@ Detector::Detector(Integers half_widths)
 #endif
 }
 
-// Add local maxima above `floor` to the list of peaks. A slot belongs to the last peak of its sign when it lies within
-// ±w of it: the larger of the two stays.
+// Add local maxima above `floor` to the list of peaks. Of a slot within ±w of the last peak of its sign, and that peak,
+// the larger is kept.
 void Detector::keep(
     const double* statistic, const double* jump, int64_t first, int64_t count, int64_t scale, double floor) {
     for (int64_t j : range(count)) {
@@ -131,18 +131,18 @@ void Detector::keep(
     }
 }
 
-// List the sure peaks that no later slot can replace, each once; `stop` ends what was scanned.
+// List the sure peaks that no later slot can replace, each once; `stop` is the end of the scanned slots.
 void Detector::confirm(int64_t stop, Floats sure) {
     for (int64_t p : range(settled, peaks.size())) {
         ScannedPeak& peak = peaks[p];
-        if (peak.final || peak.index + 2 * scales[peak.scale] > stop) continue;  // the last slot with a statistic
+        if (peak.final || peak.index + 2 * scales[peak.scale] > stop) continue;  // a later slot may replace it
         peak.final = true;
         if (peak.statistic > sure[peak.scale]) confirmed.push_back(peak);
     }
     while (settled < peaks.size() && peaks[settled].final) ++settled;
 }
 
-// Keep the strongest peaks, half as many as there are, and those that are still open.
+// Keep half of the peaks: those that are not final or still open, then the strongest.
 void Detector::prune(Floats variances) {
     NewFloats strength;
     for (const ScannedPeak& peak : peaks) {
@@ -174,10 +174,10 @@ void Detector::scan(
     confirmed.clear();
     const int64_t count_scales = scales.size(), room = min(STRETCH, max<int64_t>(stop - start, 0));
     NewFloats values(2 * count_scales * room);
-    vector<char> above(count_scales);  // whether any statistic of the stretch is above the scale's floor
+    vector<char> above(count_scales);  // whether any of the statistics is above the scale's floor
     for (int64_t begin = start, end; begin < stop; begin = end) {
         const int64_t chunk = begin - begin % CHUNK;
-        // Only where a chunk begins: what is left out must not depend on how slots arrive.
+        // Only where a chunk begins: the pruning must not depend on how slots arrive.
         if (begin == chunk && peaks.size() + chunk_peaks > MOST_PEAKS) prune(settings.variances);
         end = min({begin + STRETCH, chunk + CHUNK, stop});
         fill_prefix(prefix, x, z, used, chunk, begin, end, settings.slope);
@@ -187,7 +187,7 @@ void Detector::scan(
             if (count <= 0) continue;
             double* const statistic = &values[2 * s * room];
             evaluate(prefix, HISTORY + right - chunk, w, settings.weight, count, statistic, statistic + room);
-            above[s] = exceeds(statistic, count, settings.floors[s]);  // in few stretches
+            above[s] = exceeds(statistic, count, settings.floors[s]);  // rarely true
             if (counting) count_bins(&histogram(s, 0), statistic, right - w, count, counted_every(w));
         }
         for (int64_t step = begin; step < end; step += BLOCK) {
