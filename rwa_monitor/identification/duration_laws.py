@@ -251,7 +251,7 @@ def _mixture(parts: Sequence[tuple[float, _Group]], farthest: float) -> LearnedL
             likely = posterior * weight > NEGLIGIBLE
             if not likely.any():
                 continue
-            chosen = _only(nodes, likely)
+            chosen = _subset(nodes, likely)
             survival += weight * (posterior[likely] @ chosen.laws.survival(at))
             shares[f] += weight * float(posterior.sum())
             log_mean += weight * float(posterior[likely] @ np.log(chosen.mean))
@@ -262,7 +262,7 @@ def _mixture(parts: Sequence[tuple[float, _Group]], farthest: float) -> LearnedL
     return LearnedLaw(law, list(FAMILIES)[best], float(shares[best]), law.mean(), error)
 
 
-def _only(nodes: _Nodes, at: BoolArray) -> _Nodes:
+def _subset(nodes: _Nodes, at: BoolArray) -> _Nodes:
     """Return a family at some of its nodes."""
     parameters = {name: values[at, 0] for name, values in nodes.laws if name != "law"}
     return _Nodes(_laws_at(type(nodes.laws), **parameters), nodes.log_weight[at], nodes.mean[at])

@@ -135,12 +135,12 @@ def _law_of(problem: Problem, effect: type[MeanEffect], *, lags: bool) -> tuple[
         first = segment_starts(problem, best[2].jumps)
         z = remove_levels(problem.z, first)
 
-        def left(values: FloatArray, first: IntArray = first, z: FloatArray = z) -> float:
+        def residual_cost(values: FloatArray, first: IntArray = first, z: FloatArray = z) -> float:
             x = remove_levels(with_shape(values).speed, first)
             return float(z @ z - (x @ z) ** 2 / (x @ x)) / problem.noise.long_run_variance
 
         found = optimize.minimize(
-            left, best[1], bounds=bounds, method="Nelder-Mead", options={"fatol": SETTLED, "xatol": np.inf}
+            residual_cost, best[1], bounds=bounds, method="Nelder-Mead", options={"fatol": SETTLED, "xatol": np.inf}
         )
         best = min(best, refitted(found.x), key=lambda one: one[0])
     shape = usual | dict(zip(free, best[1].tolist(), strict=True))

@@ -147,12 +147,12 @@ def identify(recordings: Sequence[tuple[str, Samples]], start: Wheel, *, systems
         }
     )
     left_out = left_out_in_words(problem.records)
-    colour = problem.noise.long_run_variance / problem.noise.std**2
+    inflation = problem.noise.long_run_variance / problem.noise.std**2
     head = (
         f"learned from {len(recordings)} recording(s), {slots} slots, {problem.size} samples in motion"
         + (f" ({left_out})" if left_out else ""),
         f"viscous {viscous:.5g} ± {viscous_std:.2g} N m s/rad, base dry {base:.5g} ± {dry_std:.2g} N m",
-        f"noise {problem.noise.std:.3g} N m; the variance of a long mean is {colour:.1f} times that of white noise",
+        f"noise {problem.noise.std:.3g} N m; the variance of a long mean is {inflation:.1f} times that of white noise",
     )
     asked = start.nominal and slope_in_question(Shown(viscous, viscous_std), start.nominal.viscous_Nm_s_rad)
     warnings = [why for why in (*heat.notes, *drift, unnamed_jumps(problem, fitted.jumps, blocks), cause, asked) if why]
@@ -166,13 +166,13 @@ def _window(known: Window, problem: Problem) -> Window:
     return known.model_copy(update={"samples": samples, "hop": None if known.hop is None else min(known.hop, samples)})
 
 
-def _segments(problem: Problem, jumps: IntArray, rest: FloatArray) -> list[Segments]:
-    """Return the records as segments between jumps, `rest` being friction less its viscous part, float64 (n,) [N m]."""
+def _segments(problem: Problem, jumps: IntArray, dry: FloatArray) -> list[Segments]:
+    """Return the records as segments between jumps, `dry` being friction less its viscous part, float64 (n,) [N m]."""
     found: list[tuple[FloatArray, IntArray, list[int]]] = []
     for begin, end in pairwise(problem.starts.tolist()):
         if end > begin:
             inside = (jumps[(jumps > begin) & (jumps < end)] - begin).tolist()
-            found.append((rest[begin:end], problem.slot[begin:end], inside))
+            found.append((dry[begin:end], problem.slot[begin:end], inside))
     smallest = HARMLESS * abs(min(float(_levels(values, inside)[0].min()) for values, _, inside in found))
     variance = problem.noise.long_run_variance
     records = []

@@ -210,7 +210,7 @@ def _anomalies(diagnosis: Diagnosis) -> Table:
         known = anomaly.nominal_low is not None and anomaly.nominal_high is not None
         table.add_row(
             name,
-            _called(anomaly, diagnosis) if known else Text("not judged"),
+            _decision(anomaly, diagnosis) if known else Text("not judged"),
             f"{anomaly.probability:.3f}" if known else UNKNOWN,
             _severity(anomaly, decided=diagnosis.verdict != "inconclusive"),
             quantity(anomaly.estimate, anomaly.unit),
@@ -219,7 +219,7 @@ def _anomalies(diagnosis: Diagnosis) -> Table:
     return table
 
 
-def _called(anomaly: Anomaly, diagnosis: Diagnosis) -> Text:
+def _decision(anomaly: Anomaly, diagnosis: Diagnosis) -> Text:
     """Return yes, no or undecided for an anomaly; never no under an inconclusive verdict or an inadequate model."""
     if anomaly.active and diagnosis.verdict == "anomalous":
         return Text("yes", VERDICT_STYLE["anomalous"])

@@ -100,7 +100,7 @@ class Translator:
         if isinstance(message, SamplesMessage):
             wheel.clock_ns = message.time_ns[-1]
         own = EncodedMessage(f"{key}/{kind}", message.schema_name(), payload, _time_ns(message, wheel))
-        return [own, *_beside(message, wheel)]
+        return [own, *_additional(message, wheel)]
 
 
 def _time_ns(message: Message, wheel: _Wheel) -> int:
@@ -109,7 +109,7 @@ def _time_ns(message: Message, wheel: _Wheel) -> int:
     return message.end_ns if isinstance(message, Discrepancy) else wheel.clock_ns
 
 
-def _beside(message: Message, wheel: _Wheel) -> Iterator[EncodedMessage]:
+def _additional(message: Message, wheel: _Wheel) -> Iterator[EncodedMessage]:
     """Yield the additional messages of a message."""
     if isinstance(message, SamplesMessage):
         yield from _telemetry(message, wheel)

@@ -85,8 +85,8 @@ def residual_duration(law: DurationLaw, rng: Generator, limit: int) -> int:
     """
     survivals = np.cumsum(law.survival(np.arange(1, min(limit, int(law.longest())) + 1)))
     target = rng.random() * law.mean()
-    rest = int(np.searchsorted(survivals, target, side="right")) + 1
-    return min(rest, limit + 1)
+    remaining = int(np.searchsorted(survivals, target, side="right")) + 1
+    return min(remaining, limit + 1)
 
 
 def simulate_system(

@@ -115,10 +115,10 @@ def _drag_of_bursts(along: FloatArray, usable: BoolArray, on: BoolArray) -> Floa
     drag = []
     for begin, end in zip(edges[::2], edges[1::2], strict=True):
         near = slice(max(begin - BESIDE_BURST, 0), end + BESIDE_BURST)
-        beside = along[near][usable[near] & ~on[near]]
+        around = along[near][usable[near] & ~on[near]]
         within = along[begin:end][usable[begin:end]]
-        if min(beside.size, within.size) >= FEWEST_BESIDE:
-            drag.append(float(within.mean() - beside.mean()))
+        if min(around.size, within.size) >= FEWEST_BESIDE:
+            drag.append(float(within.mean() - around.mean()))
     return np.array(drag)
 
 

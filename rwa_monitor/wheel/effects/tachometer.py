@@ -228,15 +228,15 @@ class TachometerQuantisation(NoiseEffect):
         scale = np.sqrt(np.mean(design[rows] ** 2, axis=0))
         scale[scale == 0.0] = 1.0
         coefficients, *_ = np.linalg.lstsq(design[rows] / scale, target, rcond=None)
-        left = float(np.sum((target - (design[rows] / scale) @ coefficients) ** 2))
+        residual_energy = float(np.sum((target - (design[rows] / scale) @ coefficients) ** 2))
         inertia = max(-float(np.sum(coefficients / scale)), 0.0)
         information = design[rows].T @ design[rows]
-        variance = left / (count - stencil) * float(np.linalg.pinv(information).sum())
+        variance = residual_energy / (count - stencil) * float(np.linalg.pinv(information).sum())
         return LikelihoodFit(
             values={"step_rad_s": step, "inertia_kg_m2": inertia},
             std={"step_rad_s": 0.0, "inertia_kg_m2": float(np.sqrt(max(variance, 0.0)))},
             # An exact fit would have an infinite likelihood: the residual is at least the rounding of floats.
-            log_likelihood_gain=-0.5 * count * float(np.log(max(left / total, np.finfo(np.float64).eps))),
+            log_likelihood_gain=-0.5 * count * float(np.log(max(residual_energy / total, np.finfo(np.float64).eps))),
             parameters=stencil + 1,
             samples=count,
         )
