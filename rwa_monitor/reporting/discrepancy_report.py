@@ -46,10 +46,10 @@ def sentence(result: DiscrepancyResult) -> str:
         return "Untestable with these data: the speed hardly varies, and no effect that needs motion would show."
     parts = [_name_in_words(effect) for effect in result.effects]
     if result.unexplained is not None:
-        left, stands_in = result.unexplained, " (what is named here may stand in for it)" if parts else ""
+        left, stands_in = result.unexplained, " (an effect named here may mimic a part of it)" if parts else ""
         nearest = f"; {left.nearest.effect} comes nearest, with {left.nearest.share:.0%}" if left.nearest else ""
         parts.append(f"{left.signature}, {left.size_Nm:.2g} N m rms, that no known effect explains{nearest}{stands_in}")
-    lacks = f"The simulation lacks {'; and '.join(parts)}."
+    lacks = f"The simulation lacks {('; and ' if any(',' in one for one in parts) else ' and ').join(parts)}."
     simulated = result.gain.simulated if result.gain is not None else None
     if simulated is not None and simulated.is_a_loss:
         lacks += f" What was found {simulated.note}."

@@ -60,7 +60,7 @@ def overlay(search: Search) -> Figure:
             axis.plot(*_thin(time_s[part], (measured - residual)[part]), lw=1.3, label=name, **STYLES[name])
         axes["D"].plot(*_thin(time_s, residual), lw=0.7, color=STYLES[name]["color"])
     axes["B"].set(ylabel=FRICTION, title="friction, measured and simulated")
-    axes["C"].set(ylabel=FRICTION, title="close-up where the simulations part most")
+    axes["C"].set(ylabel=FRICTION, title="close-up where the simulations differ most")
     axes["D"].set(ylabel="difference [N m]", title="measured less simulated")
     for name in "ABD":
         axes[name].sharex(axes["B"])
