@@ -48,7 +48,7 @@ BEYOND: Final = 0.1  # of a record's temperature range, by which its fitted law 
 DIGITS: Final = 1e-5  # of the RMS of a channel: anything smaller is rounding of the table, not sensor noise
 RAMP_SHARE: Final = 0.5  # of the samples: friction that is a ramp on more of them is a command
 SMOOTHER: Final = 0.5  # ratio of second differences, below which those of the speed are mostly noise
-CALMED_OVER: Final = (5, 7, 11, 15, 21, 31, 41)  # slots that a smoothing parabola is fitted to, in increasing order
+SMOOTHING_WIDTHS: Final = (5, 7, 11, 15, 21, 31, 41)  # slots that a parabola is fitted to, increasing
 SMOOTHING_REACH: Final = 6  # slots beyond the excluded ones, on each side, from which motion is estimated
 
 
@@ -97,7 +97,7 @@ class Record:
     is_command
         Whether the friction channel is a command, and the speed the response to it: see `_is_command`.
     follows_noise
-        Whether the friction may contain the noise of the speed: see `_is_smoother`.
+        Whether the friction may contain the noise of the speed: see `_noise_is_in_speed`.
     """
 
     source: str
@@ -174,9 +174,9 @@ def make_record(samples: Samples, wheel: Wheel, source: str, delay: alignment.De
         motion = alignment.aligned(motion, wheel, delay.slots, delay.part)
     speed, torque, friction = motion.speed_rad_s, motion.torque_Nm, motion.friction_Nm
     derived, seen = friction is None, speed
-    follows_noise = friction is None or not _is_smoother(friction, speed)
+    follows_noise = friction is None or not _noise_is_in_speed(friction, speed)
     if friction is not None and not follows_noise:
-        speed = _calmed(speed, friction)
+        speed = _smoothed_speed(speed, friction)
         motion = replace(motion, speed_rad_s=speed)
     bent = unfollowed = None
     if friction is None:
@@ -229,7 +229,7 @@ def _is_command(friction_Nm: FloatArray, speed_rad_s: FloatArray) -> bool:
     return int(np.count_nonzero(ramp)) > RAMP_SHARE * max(int(np.count_nonzero(known)), 1)
 
 
-def _is_smoother(friction_Nm: FloatArray, speed_rad_s: FloatArray) -> bool:
+def _noise_is_in_speed(friction_Nm: FloatArray, speed_rad_s: FloatArray) -> bool:
     """Return whether friction is far smoother than its viscous part, by the medians of |second differences|.
 
     The noise is then in the speed, as under a commanded voltage. Friction does not follow the speed from slot to slot,
@@ -243,8 +243,8 @@ def _is_smoother(friction_Nm: FloatArray, speed_rad_s: FloatArray) -> bool:
     return bool(both.any()) and float(np.median(bends[both])) < SMOOTHER * float(np.median(of_speed[both]))
 
 
-def _calmed(speed_rad_s: FloatArray, friction_Nm: FloatArray) -> FloatArray:
-    """Return the speed, float64 (n,), smoothed until friction is no longer far smoother (`_is_smoother`).
+def _smoothed_speed(speed_rad_s: FloatArray, friction_Nm: FloatArray) -> FloatArray:
+    """Return the speed, float64 (n,), smoothed until friction is no longer far smoother (`_noise_is_in_speed`).
 
     Noise of a regressor biases every slope towards zero (errors in variables) and favours effects that smooth it, such
     as a lag. Second differences of noise alternate in sign; where those of the speed do not, it is returned unchanged.
@@ -255,8 +255,8 @@ def _calmed(speed_rad_s: FloatArray, friction_Nm: FloatArray) -> FloatArray:
         return speed_rad_s
     sign, smoothed = np.sign(speed_rad_s), speed_rad_s
     turns = np.diff(np.nan_to_num(sign), append=0.0) != 0.0
-    for width in CALMED_OVER:
-        if width > WINDOW_SHARE * speed_rad_s.size or not _is_smoother(friction_Nm, smoothed):
+    for width in SMOOTHING_WIDTHS:
+        if width > WINDOW_SHARE * speed_rad_s.size or not _noise_is_in_speed(friction_Nm, smoothed):
             break
         smooth = savgol_filter(_without_gaps(speed_rad_s), width, 2)
         near_reversal = binary_dilation(turns, iterations=width // 2 + 1) | (np.sign(smooth) != sign)
