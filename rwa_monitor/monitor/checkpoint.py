@@ -1,8 +1,8 @@
-"""A checkpoint: the whole state of a wheel's monitor core, as JSON, so that another one can go on from there.
+"""A checkpoint: the whole state of a wheel's monitor core, as JSON, from which another core can continue.
 
-Every recording begins with one checkpoint for each wheel: a recording alone is enough to replay it, and after a crash
-the last one is enough to go on. Floats are written in full; a core that was resumed gives the same bits. Arrays are
-written as they lie in memory (see `samples.FloatArray`): their digits would take four times the work.
+Every recording begins with one checkpoint of each wheel: a recording alone is enough to replay it, and after a crash
+the last recording is enough to continue. Floats are written in full, so that a resumed core gives the same bits. Arrays
+are written in their binary form (see `samples.FloatArray`): decimal digits would take four times the work.
 """
 
 from typing import ClassVar, Final, Literal, Self
@@ -28,9 +28,9 @@ class Slots(Strict):
     Attributes
     ----------
     begin
-        The first.
+        The first slot.
     filled
-        For which a sample came, as lengths of runs: missing, filled, missing, …
+        Which slots have a sample, as run lengths: missing, filled, missing, …
     values
         float64 (n,) of each channel, those of the last n slots.
     """
@@ -52,39 +52,40 @@ class Slots(Strict):
 
     @property
     def end(self) -> int:
-        """First slot that has not come yet."""
+        """The slot after the last one kept."""
         return self.begin + sum(self.filled)
 
     def fits(self, ring: RingBuffer) -> bool:
-        """Return whether a ring buffer could have held them."""
+        """Return whether a ring buffer could have held these slots."""
         slots, kept = sum(self.filled), max((values.size for values in self.values.values()), default=0)
         return kept <= slots <= ring.capacity and fits(self.values, kept, ring.channels)
 
     def restore(self, ring: RingBuffer) -> None:
-        """Put them into a ring buffer that they fit."""
+        """Put the slots into a ring buffer that they fit."""
         ring.restore(self.begin, np.repeat(np.arange(len(self.filled)) % 2 == 1, self.filled), self.values)
 
 
 class Checkpoint(Hashed):
-    """The whole state of a `core.WheelCore` besides its wheel and its model.
+    """The whole state of a `core.WheelCore` except its wheel and its model.
 
     Attributes
     ----------
     source, reported_missing
-        The channel that friction comes from, and whether it was reported that it is missing.
+        The channel that friction is taken from, and whether its absence was reported.
     carried
-        What earlier windows show.
+        The state that earlier windows handed on.
     sequencer, waiting
-        Messages and the sample that wait, and what became of all samples.
+        The messages and the one sample that wait, and the counts of all samples.
     origin_ns, frontier, last_ns
-        Of the slot assignment; `origin_ns` is None before the first sample of an epoch.
+        State of the slot assignment; `origin_ns` is None before the first sample of an epoch.
     epoch_origin_ns, slots, screened, channels
-        The ring buffer, how far it is validated, and the memory of the validation: speed, torque, derived friction.
+        The ring buffer, the first slot not validated yet, and the state of the validation of speed, torque and derived
+        friction.
     angle_rad, last_speed_rad_s, memories
         State of the wheel's effects after the slots so far.
     done, next_start, last_end, open
-        Where the windows stand: slots worked off, the first of the next window, the end of the last that was closed,
-        and of each open one the first slot and what it has gathered.
+        The slots processed, the first slot of the next window, the end of the last closed window, and of each open
+        window its first slot and accumulated evidence.
     carried_ns, stored
         End of the window that `carried` is from, and the stored telemetry of a wheel that has some.
     """
@@ -116,7 +117,7 @@ class Checkpoint(Hashed):
     stored: StoredTelemetry | None = None
 
     def fits(self, ring: RingBuffer, memories: int) -> bool:
-        """Return whether it can be of a core with such a ring buffer and so many memories of effects."""
+        """Return whether the checkpoint fits a core with this ring buffer and number of effect memories."""
         waiting = self.waiting
         return (
             self.slots.fits(ring)
@@ -141,7 +142,7 @@ class Checkpoint(Hashed):
 
     def to_json(self) -> bytes:
         """Write the checkpoint; the same state always gives the same bytes."""
-        # Every number is finite; json.dumps takes thirteen times as long.
+        # pydantic's writer suits, as every number is finite; json.dumps takes thirteen times as long.
         return self.model_dump_json().encode()
 
 

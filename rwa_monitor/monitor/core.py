@@ -3,8 +3,8 @@
     messages → sequencer → slot assignment → ring buffer → sensor validation → friction less known effects
     → open windows → diagnosis
 
-Live monitor, replay and the diagnosis of tables all feed this one core, so that they agree by construction, and its
-result does not depend on how the samples are cut into messages.
+Live monitor, replay and the diagnosis of tables all use this core, so that they agree by construction, and its result
+does not depend on how the samples are divided into messages.
 """
 
 from __future__ import annotations
@@ -60,20 +60,22 @@ class WheelCore:
     wheel
         Its constants.
     model
-        What nominal and anomalous friction look like; None leaves anomalies undecided.
+        The learned classifiers of nominal and anomalous friction; None leaves anomalies undecided.
     method
         "joint" or "paper".
     carried
         The state that earlier windows handed on; None for none.
     sequencer
-        With the messages that wait; None for none.
+        Sequencer of a checkpoint, with the messages that wait; None for a new one.
 
     Attributes
     ----------
     counts
         What became of every sample so far.
-    assignment, windows
-        Gives samples their slots; has the slots, and the windows over them.
+    assignment
+        Assigns samples to slots.
+    windows
+        The slots, and the windows over them.
 
     Raises
     ------
@@ -97,14 +99,14 @@ class WheelCore:
         self.counts = self._sequencer.counts
         self.windows = Windows(wheel, model, method, CarriedState.empty() if carried is None else carried, self.counts)
         self.assignment = SlotAssignment(wheel, self.counts)
-        self._source: Source | Literal[""] = ""  # the channel that friction comes from; the first message decides
+        self._source: Source | Literal[""] = ""  # the channel friction is taken from; set by the first message
         self._reported_missing = False
         self._settings_check = SettingsCheck(wheel)
         self._stored: StoredTelemetry | None = None  # of a wheel whose publishers distinguish live and stored samples
 
     @property
     def why_masked(self) -> dict[str, int]:
-        """Why friction could not be derived from samples whose values are there, and of how many, in words."""
+        """Number of complete samples from which friction could not be derived, by reason in words."""
         friction = self.windows.friction
         return {
             "where the speed bends too sharply for friction to be derived": friction.at_corners,
@@ -125,7 +127,7 @@ class WheelCore:
         batch: int | None = None,
         data: Timeliness | None = None,
     ) -> list[Event]:
-        """Take samples in any cut and return what happened, in order.
+        """Process samples, divided into messages in any way, and return the events in order.
 
         Parameters
         ----------
@@ -136,14 +138,14 @@ class WheelCore:
         batch
             Its number, counted up by one by each publisher; None where it has none.
         data
-            "stored" for samples that were kept before they were sent: they may come in any order, late by hours, and
-            leave the live windows as they are. "live" where both come, and "replay" the same; None where the publisher
-            does not distinguish.
+            "stored" for samples that were kept before they were sent: they may arrive in any order, late by hours, and
+            do not enter the live windows. "live" for the others of a publisher that distinguishes them; "replay" is
+            treated the same. None where the publisher does not distinguish.
 
         Raises
         ------
         InputError
-            If `check` would; nothing is taken then.
+            If `check` would; no sample is taken then.
         """
         samples = without_motor(samples, self.wheel)
         if not self._source:
@@ -153,7 +155,8 @@ class WheelCore:
         if data is not None and self._stored is None and len(samples):
             grid, first_ns = self.assignment.grid, int(samples.time_ns[0])
             period_ns, slots = self.wheel.period_ns, self.wheel.window.samples
-            # On the windows of live samples, so that it is these that are completed; else not on what comes first.
+            # The windows of live samples, which stored samples then complete; else a phase that does not depend on
+            # which sample arrives first.
             step_ns = period_ns if grid is None and data == "stored" else period_ns * slots
             self._stored = StoredTelemetry(period_ns, slots, (grid.origin_ns if grid else first_ns) % step_ns)
             if self.windows.carried_ns is not None:
@@ -168,7 +171,7 @@ class WheelCore:
         return events + self._diagnose_stored()
 
     def finish(self) -> list[Event]:
-        """Take what waits, close the open window as it is, and return what happened: nothing more will come."""
+        """End the telemetry: process what waits, close the open window as it is, and return the events."""
         events = self._take_all(self._sequencer.flush(self.assignment.last_ns))
         waited, self.assignment.waiting = self.assignment.waiting, None
         if waited is not None:
@@ -197,7 +200,7 @@ class WheelCore:
         return events
 
     def _rows(self, samples: Samples) -> tuple[Rows, list[Event]]:
-        """Return samples that are within the wheel's limits, and what they show of the settings."""
+        """Return the samples within the wheel's limits, and reports on settings that do not fit them."""
         friction = self.windows.friction
         torque = friction.torque(samples)
         allowed = self.assignment.reject_beyond_limits(samples)
@@ -220,7 +223,7 @@ class WheelCore:
         return Rows(time_ns, values), events
 
     def _place(self, rows: Rows, *, passed: bool = False, last: bool = False) -> list[Event]:
-        """Bring samples into their slots, and those into windows."""
+        """Assign samples to slots, and add the slots to the windows."""
         events: list[Event] = []
         windows = self.windows
         for placed in self.assignment.place(rows, windows.ring, passed=passed, last=last):
@@ -247,7 +250,7 @@ class WheelCore:
         return events + self._diagnose_stored()
 
     def _diagnose_stored(self, *, to_the_end: bool = False) -> list[Event]:
-        """Diagnose the windows of stored samples that are due; the live window goes on from their state."""
+        """Diagnose the windows of stored samples that are due; later live windows continue from their state."""
         stored, events = self._stored, list[Event]()
         if stored is None:
             return events
@@ -272,7 +275,7 @@ class WheelCore:
     # ---- checkpoints ------------------------------------------------------------------------------------------------
 
     def checkpoint(self) -> Checkpoint:
-        """Return the whole state of the core; `resume` makes an equal core of it."""
+        """Return the whole state of the core, from which `resume` makes an equal core."""
         grid = self.assignment.grid
         return Checkpoint(
             source=self._source,
@@ -289,7 +292,7 @@ class WheelCore:
 
     @classmethod
     def resume(cls, checkpoint: Checkpoint, wheel: Wheel, model: Model | None) -> Self:
-        """Return a core that goes on from a checkpoint of a core with the same wheel and model.
+        """Return a core that continues from a checkpoint of a core with the same wheel and model.
 
         Raises
         ------
@@ -329,7 +332,7 @@ def diagnose_samples(
     Yields
     ------
     WindowDiagnosed
-        One for each window, the last one perhaps partial; its `carried` is what a following table starts with.
+        One for each window, the last one perhaps partial; its `carried` is the initial state for a following table.
 
     Raises
     ------
@@ -342,12 +345,12 @@ def diagnose_samples(
             yield event
 
 
-# ---- the second half: from slots to the diagnoses of windows ---------------------------------------------------------
-# Work is done in blocks that end at fixed slots of the grid, at most a few slots behind the newest.
+# ---- from slots to the diagnoses of windows --------------------------------------------------------------------------
+# Slots are processed in blocks that end at fixed slots of the grid, at most a few slots behind the newest.
 
 
 class _OpenWindow(NamedTuple):
-    """A window that is being filled: its first slot and what it has gathered."""
+    """A window that is being filled: its first slot and its accumulated evidence."""
 
     start: int
     accumulator: WindowAccumulator
@@ -361,16 +364,16 @@ class Windows:
     wheel, model, method, carried
         As for `core.WheelCore`.
     counts
-        Where to count slots that were taken as good and are masked later.
+        Where to count slots that were accepted as good and are masked later.
 
     Attributes
     ----------
     carried, carried_ns
         The state that the windows closed so far hand to the next one, and the end of the last of them, None for none.
     ring, screen, friction
-        What the slots go through, anew for each source of friction.
+        Ring buffer, sensor validation and derivation of friction, made anew for each source of friction.
     grid
-        The slot grid of the running epoch.
+        The slot grid of the current epoch.
 
     Raises
     ------
@@ -406,9 +409,10 @@ class Windows:
     # ---- beginnings and ends ----------------------------------------------------------------------------------------
 
     def begin_source(self, source: Source) -> None:
-        """Start with empty slots; values of a piece and what is around it: open windows keep their own."""
+        """Take friction from a source, and start with empty slots."""
         self.friction = FrictionSource(self.wheel, source)
-        # Friction that is derived is judged when it is known: a motor may do much more than friction does.
+        # Derived friction is validated after its derivation: motor torque may be much larger than friction. The ring
+        # buffer holds the values of a piece and its surroundings only: open windows keep their own.
         self.screen = SensorValidation(
             speed_limit(self.wheel), float("inf") if self.friction.derived else friction_limit(self.wheel)
         )
@@ -431,7 +435,7 @@ class Windows:
         self._begin_slots()
 
     def end_epoch(self) -> list[Event]:
-        """Close the oldest open window as it is; of overlapping ones it holds all slots that no window had yet."""
+        """Close the oldest open window as it is; if windows overlap, it has all slots that no closed window has."""
         events = self.advance(to_the_end=True)
         if self._open and self._done > max(self._last_end, self._open[0].start):
             events.append(self._close(self._open[0]))
@@ -440,7 +444,7 @@ class Windows:
         return events
 
     def go_on_from(self, diagnosed: WindowDiagnosed) -> None:
-        """Hand the state after a window to the next one to be closed, where it lies between that and the last one."""
+        """Use the state after a window for the next one to close, if it lies between the last closed one and that."""
         next_ns = self.grid.time_of(self._open[0].start if self._open else self._done)
         end_ns = diagnosed.diagnosis.window_end_ns
         follows = self.carried_ns is None or end_ns >= self.carried_ns
@@ -450,7 +454,7 @@ class Windows:
     # ---- slots into windows -----------------------------------------------------------------------------------------
 
     def write(self, slots: IntArray, values: Mapping[str, FloatArray], frontier: int) -> list[Event]:
-        """Bring slots up to `frontier`, those without a sample too, into the ring buffer piece by piece."""
+        """Write slots up to `frontier`, also those without a sample, to the ring buffer piece by piece."""
         events: list[Event] = []
         ring = self.ring
         while ring.end < frontier:
@@ -464,20 +468,20 @@ class Windows:
         return events
 
     def advance(self, *, to_the_end: bool = False) -> list[Event]:
-        """Work off all blocks that are complete, the stencil around them included."""
+        """Process all blocks that are complete, including the stencil around them."""
         if to_the_end:
             seen = ready = self.ring.end
         else:
-            seen = self.ring.end - 1  # the last slot only judges those before it
+            seen = self.ring.end - 1  # the last slot only serves to validate those before it
             ready = max(seen - LAG_SLOTS, self._border_before(seen)) - self.friction.reach
             next_block = (self._done // BLOCK_SLOTS + 1) * BLOCK_SLOTS
             if self._done != self._next_start and ready < min(next_block, self._border):
-                return []  # nothing to work off, and many slots are screened in the time of one
+                return []  # no complete block, and validating many slots takes no longer than validating one
         masked, faults = self.screen.run(self.ring, seen, self._border_before)
         events = self._mask(masked, faults)
         while True:
             end = self._open[0].start + self._samples if self._open else self._done + 1
-            # A full window is closed when a sample beyond it, and beyond the stencil, has come.
+            # A full window is closed when a sample beyond it, and beyond the stencil, has arrived.
             if end <= self._done and (to_the_end or end + self.friction.reach < self.ring.end):
                 events.append(self._close(self._open.pop(0)))
             if self._done == self._next_start and self._done < self.ring.end:
@@ -499,7 +503,7 @@ class Windows:
         return min(self._next_start, self._open[0].start + self._samples) if self._open else self._next_start
 
     def _border_before(self, slot: int) -> int:
-        """Return the last slot up to `slot` with which a window closed; 0 before the first."""
+        """Return the last slot up to `slot` at which a window closed; 0 before the first."""
         first = self._samples + self.friction.reach
         return first + (slot - first) // self._hop * self._hop if slot >= first else 0
 
@@ -520,7 +524,7 @@ class Windows:
         ]
 
     def _mask(self, masked: int, faults: list[Fault]) -> list[Event]:
-        """Count slots that were taken as good and are masked now, and return why."""
+        """Count slots that were accepted as good and are masked now, and return the reports of their faults."""
         self.counts.used -= masked
         self.counts.masked += masked
         return [self._fault(fault) for fault in faults]
@@ -557,7 +561,7 @@ class Windows:
     # ---- checkpoints ------------------------------------------------------------------------------------------------
 
     def state(self) -> dict[str, Any]:
-        """Return what a checkpoint holds of the slots that are still needed, and of what works on them, by its name."""
+        """Return the fields of a checkpoint, by name, that hold the slots still needed and the state of processing."""
         needed = min([self._done, *(window.start for window in self._open)])
         around = 2 * self.friction.reach + BLOCK_SLOTS + LAG_SLOTS
         channels = (self.screen.speed, self.screen.torque, self.friction.channel)
@@ -577,12 +581,12 @@ class Windows:
         }
 
     def resume(self, checkpoint: Checkpoint) -> None:
-        """Go on from the state of other windows of the same wheel, friction from the same source.
+        """Continue from the state of other windows of the same wheel with the same source of friction.
 
         Raises
         ------
         InputError
-            If it does not fit the wheel.
+            If the checkpoint does not fit the wheel.
         """
         stored, window = checkpoint.stored, self.wheel.window.samples
         fits = stored is None or stored.fits(self.wheel.period_ns, window, self.ring.channels)
@@ -607,7 +611,7 @@ class Windows:
 
 
 def without_positions(carried: CarriedState) -> CarriedState:
-    """Return the state without where the switching systems stand: the next window does not follow at once."""
+    """Return the state without configuration and age of the switching systems: no window follows at once."""
     systems = tuple(system.model_copy(update={"configuration": None, "age": None}) for system in carried.fss)
     return carried.model_copy(update={"fss": systems})
 
@@ -615,30 +619,30 @@ def without_positions(carried: CarriedState) -> CarriedState:
 # ---- whether samples fit the wheel file at all -----------------------------------------------------------------------
 
 
-ENOUGH: Final = 64  # steps of time that show the period; samples beyond a limit that are no single wild readings
-PERIOD_DIFFERS: Final = 1.25  # ratio of the periods: jitter and single missing samples make less of the median
+ENOUGH: Final = 64  # time steps to estimate the period; samples beyond a limit that are more than single outliers
+PERIOD_DIFFERS: Final = 1.25  # ratio of the periods: jitter and single missing samples change the median by less
 SHARE_BEYOND: Final = 0.1  # of all samples
 
 
 class SettingsCheck:
     """Checks whether a wheel's samples fit its file as they arrive: the sample period, and limits in the right unit.
 
-    Either mistake leaves diagnoses like any other, of half the samples or fewer; each is reported once.
+    With either mistake the diagnoses look like any other, but rest on half the samples or fewer; each is reported once.
 
     Parameters
     ----------
     wheel
-        What the samples should fit.
+        The wheel whose constants the samples should fit.
     """
 
     def __init__(self, wheel: Wheel) -> None:
         self._wheel = wheel
-        self._times: IntArray | None = np.zeros(0, dtype=np.int64)  # the first ones; None when there are enough
+        self._times: IntArray | None = np.zeros(0, dtype=np.int64)  # of the first samples; None after the check
         self._seen = self._beyond = 0
         self._limits_reported = False
 
     def check(self, time_ns: IntArray, beyond: int) -> list[Event]:
-        """Return what samples show for the first time.
+        """Take the next samples into account, and return a report for each mistake found for the first time.
 
         Parameters
         ----------
@@ -662,7 +666,7 @@ class SettingsCheck:
             return []
         steps = np.diff(self._times)
         self._times = None
-        steps = steps[steps > 0] / NANOSECONDS_PER_SECOND  # repeated messages and clock steps back show no period
+        steps = steps[steps > 0] / NANOSECONDS_PER_SECOND  # repeated messages and clock steps back do not count
         period_s, expected_s = float(np.median(steps)) if steps.size else 0.0, self._wheel.sample_period_s
         if steps.size < ENOUGH // 2 or expected_s / PERIOD_DIFFERS <= period_s <= expected_s * PERIOD_DIFFERS:
             return []
@@ -679,9 +683,9 @@ class WindowDiagnosed(NamedTuple):
     Attributes
     ----------
     diagnosis
-        Of the window; no spacecraft, wheel or file is named in it.
+        Of the window, without spacecraft, wheel and file.
     features
-        What the classifiers saw, for training; they do not leave the program.
+        Input of the classifiers, for training; they do not leave the program.
     carried
         The wheel's state after it.
     """
@@ -691,16 +695,16 @@ class WindowDiagnosed(NamedTuple):
     carried: CarriedState
 
     def message(self, spacecraft: str, wheel: str, source: str | None = None) -> Diagnosis:
-        """Return the diagnosis as a message; of a table `spacecraft` is "" and `source` its file."""
+        """Return the diagnosis as a message; for a table, `spacecraft` is "" and `source` its file."""
         return self.diagnosis.model_copy(update={"spacecraft": spacecraft, "wheel": wheel, "source": source})
 
 
-# Changepoints are of one jump, as soon as it is confirmed; like a diagnosis they do not name the wheel yet.
+# A Changepoints event is one jump, as soon as it is confirmed; as in a diagnosis, the wheel is not named yet.
 Event = Changepoints | WindowDiagnosed | Trouble
 
 
 class Carried(Message):
-    """The state that a window hands to the next one, and its hash; recorded beside the diagnosis, not published."""
+    """The state that a window hands to the next one, and its hash; recorded with the diagnosis, not published."""
 
     kind: ClassVar[str] = "carried"
 
@@ -714,8 +718,8 @@ def outputs_of(
 ) -> list[EncodedMessage]:
     """Return the messages for events of a wheel, in order; all but `Carried` are published.
 
-    What a replay gives is, but for its key, what its telemetry gave live. `data` is what the samples were where that is
-    not live: old by the clock when they came, or a replay. The health alone gives notice of it.
+    The messages of a replay differ from those of the live telemetry by their keys only. `data` states the timeliness of
+    samples that are not live: old by the clock when they arrived, or a replay. Only the health reports it.
     """
     outputs: list[EncodedMessage] = []
     name = wheel.removesuffix(messages.REPLAY)

@@ -1,12 +1,12 @@
-"""Puts what arrives in order: whole messages by publisher and number, then samples into their slots.
+"""Orders what arrives: whole messages by publisher and number, then samples into slots.
 
-Messages of one publisher go into the order of their numbers, and a second live publisher is kept out. Each sample is
-given its slot, and accounted for:
+Messages of one publisher are put into the order of their numbers, and a second live publisher is rejected. Each sample
+is assigned to its slot, and accounted for:
 
     received = used + masked + late + duplicate + rejected + queued, always.
 
-There is no clock of the machine: what is decided depends on messages and samples alone, so that a replay decides alike,
-and what becomes of a sample does not depend on how samples are cut into messages.
+The machine's clock is not used: decisions depend on messages and samples alone, so that a replay makes the same ones,
+and what becomes of a sample does not depend on how samples are divided into messages.
 """
 
 from __future__ import annotations
@@ -35,19 +35,20 @@ from rwa_monitor.telemetry.slots import RingBuffer
 from rwa_monitor.wheel.wheel import Wheel
 from rwa_monitor.words import counted, time_text
 
-# A message that overtook others waits for them while at most this many wait. Zenoh keeps the order of one publisher, so
-# only a recovered message comes late, and it comes soon; more would delay every window behind a message that is lost.
+# At most this many messages wait for one before them. Zenoh keeps the order of one publisher, so only a recovered
+# message is late, and not by much; a larger limit would delay every window after a message that is lost.
 HOLD_BACK_MESSAGES: Final = 4
-# A new publisher takes over after this many messages without one of the old: a restart. Until then they wait.
+# A new publisher takes over after this many messages without one of the current publisher: a restart. Until then they
+# wait.
 TAKEOVER_MESSAGES: Final = 3
-# They must also hold as many samples as this many messages of the old one, of which so many samples count at most: two
-# publishers of different message sizes must not take turns.
+# These must also have as many samples as that many of the current publisher's largest messages, each counted with at
+# most this many samples: two publishers of different message sizes must not alternate.
 TAKEOVER_SAMPLES: Final = 2_048
-# So many times longer must the old one have been silent where a second live publisher is more likely than a restart.
+# Factor on both limits where a second live publisher is more likely than a restart.
 UNCERTAIN_FACTOR: Final = 10
 # Names of replaced publishers that are remembered.
 MAX_REPLACED: Final = 8
-# Numbers of skipped batches that are remembered, to distinguish a late sample from a repeated one.
+# Numbers of skipped batches that are remembered, to distinguish late samples from repeated ones.
 MAX_SKIPPED: Final = 1_000
 
 
@@ -60,9 +61,9 @@ class Counts:
     received
         All samples in messages that could be read.
     used
-        Taken into their slot with good values.
+        Assigned to their slot with good values.
     masked
-        Taken, but a value is missing or not finite: the slot counts as empty.
+        Assigned, but a value is missing, not finite or invalid: the slot counts as empty.
     late
         Their slot had already passed.
     duplicate
@@ -91,7 +92,7 @@ class Counts:
 class Batch(NamedTuple):
     """One message of samples: who sent it ("" where it is not named), its number (None likewise), the samples.
 
-    `passed` is True for a number that was given up as missing: its samples come late and never step the clock.
+    `passed` is True for a number that was given up as missing: its samples are late and never step the clock.
     """
 
     publisher: str
@@ -101,12 +102,12 @@ class Batch(NamedTuple):
 
 
 class Trouble(NamedTuple):
-    """What an operator should read about a wheel's telemetry.
+    """A report to the operator about a wheel's telemetry.
 
     Attributes
     ----------
     kind
-        The same for what need not be reported again and again: "publisher conflict", "speed_rad_s hangs".
+        Reports of the same kind need not be repeated: "publisher conflict", "speed_rad_s hangs".
     text
         In words.
     """
@@ -115,18 +116,18 @@ class Trouble(NamedTuple):
     text: str
 
 
-Ready = Iterator[Batch | Trouble]  # messages, in order, and what happened
+Ready = Iterator[Batch | Trouble]  # messages in order, and reports
 
 
 @dataclass(slots=True)
 class Sequencer:
-    """Puts the messages of a wheel's publisher in order and keeps a second publisher out.
+    """Puts the messages of a wheel's publisher in order and rejects those of a second publisher.
 
     A publisher is the current one until another has sent `TAKEOVER_MESSAGES` messages, with as many samples as that
     many of the current one, without one of the current publisher between them; those wait (`queued`) and are then
-    taken. If the current one sends again first, the other's messages are rejected as a conflict. Names are new at each
-    start of a publisher: one that was replaced before, or that sends times which the current one has sent already, is
-    more likely a second live publisher than a restart, and waits `UNCERTAIN_FACTOR` times longer.
+    taken. If the current one sends again first, the other's messages are rejected as a conflict. A publisher has a new
+    name at each start: one that was replaced before, or whose times are not later than those taken already, is more
+    likely a second live publisher than a restart, and must send `UNCERTAIN_FACTOR` times as much.
     """
 
     counts: Counts = field(default_factory=Counts)
@@ -138,10 +139,10 @@ class Sequencer:
     takeover_uncertain: bool = False
     largest: Count = 0  # samples of the current publisher's largest message
     replaced: list[str] = field(default_factory=list)
-    latest_ns: ClockNs | None = None  # median time of the current publisher's latest message, before any clock step
+    latest_ns: ClockNs | None = None  # the latest median time of the current publisher's messages
 
     def put(self, batch: Batch, frontier_ns: int | None) -> Ready:
-        """Take a message; yield the messages that are ready now, in order, and what happened.
+        """Take a message; yield the messages that are ready now, in order, and reports.
 
         Parameters
         ----------
@@ -162,7 +163,7 @@ class Sequencer:
             yield from self._other_publisher(batch, frontier_ns)
 
     def flush(self, frontier_ns: int | None) -> Ready:
-        """Release everything that waits, in order: nothing more will come."""
+        """Release everything that waits, in order, at the end of the telemetry."""
         yield from self._release(len(self.held))
         if self.takeover_uncertain:
             yield from self._reject_takeover()
@@ -175,7 +176,7 @@ class Sequencer:
         self.held.clear()
         self.skipped.clear()
         self.largest = 0
-        # A publisher whose first message overtook others has small numbers; one that we join late has any.
+        # A small number: the first message may have overtaken others. A larger one: we subscribed late.
         self.expected = 0 if batch.number is not None and batch.number < HOLD_BACK_MESSAGES else batch.number
 
     def _other_publisher(self, batch: Batch, frontier_ns: int | None) -> Ready:
@@ -190,13 +191,13 @@ class Sequencer:
             yield from self._take_over(frontier_ns)
 
     def _is_restart(self) -> bool:
-        """Return whether the other publisher has sent enough for a restart."""
+        """Return whether the other publisher has sent enough to be taken for a restart."""
         messages = TAKEOVER_MESSAGES * (UNCERTAIN_FACTOR if self.takeover_uncertain else 1)
         samples = messages * min(self.largest, TAKEOVER_SAMPLES)
         return len(self.takeover) >= messages and sum(len(batch.samples) for batch in self.takeover) >= samples
 
     def _reject_takeover(self) -> Iterator[Trouble]:
-        """Reject what a second publisher sent, if there is one, while the current one is alive."""
+        """Reject the messages of a second publisher, if any, as the current one is alive."""
         if not self.takeover:
             return
         count = sum(len(batch.samples) for batch in self.takeover)
@@ -220,7 +221,7 @@ class Sequencer:
             yield from self._in_order(batch, frontier_ns)
 
     def _in_order(self, batch: Batch, frontier_ns: int | None) -> Ready:
-        """Take a message of the current publisher, in its turn or not."""
+        """Take a message of the current publisher, whether it is the next one or not."""
         self.largest = max(self.largest, len(batch.samples))
         if batch.number is None or self.expected is None:
             if batch.number is not None:
@@ -235,21 +236,21 @@ class Sequencer:
             yield from self._release(1 if len(self.held) > HOLD_BACK_MESSAGES else 0)
         time_ns = batch.samples.time_ns
         if time_ns.size:
-            # The middle one: a single wild time does not matter.
+            # The median: a single wrong time stamp does not matter.
             rank = time_ns.size // 2
             middle_ns = int(np.partition(time_ns, rank)[rank])
             self.latest_ns = middle_ns if self.latest_ns is None else max(self.latest_ns, middle_ns)
 
     def _passed(self, batch: Batch, number: int, frontier_ns: int | None) -> Ready:
-        """Take a message whose number has passed: a late one, a new count under an old name, or a repetition."""
+        """Take a message whose number has passed: late, repeated, or numbered anew by a restarted publisher."""
         times = batch.samples.time_ns
         known_ns = [time_ns for time_ns in (frontier_ns, self.latest_ns) if time_ns is not None]
         if number in self.skipped:
             del self.skipped[number]
             yield batch._replace(passed=True)
         elif number < HOLD_BACK_MESSAGES and known_ns and times.size and int(times.min()) > max(known_ns):
-            # The numbers begin anew and the time goes on: a publisher that restarted under a fixed name. What comes
-            # again out of a history is earlier than something before it, also when the clock has stepped back since.
+            # The numbers begin anew and time advances: a publisher that restarted under a fixed name. A message that is
+            # repeated from a history is earlier than one before it, also when the clock has stepped back since.
             yield from self._release(len(self.held))
             self._begin(batch)
             self.expected = number + 1
@@ -262,7 +263,7 @@ class Sequencer:
         self.counts.duplicate += len(batch.samples)
 
     def _release(self, at_least: int) -> Ready:
-        """Release what is next in order, and at least so many of those that wait, over the gaps before them."""
+        """Release the next messages in order, and at least so many of those that wait, skipping gaps before them."""
         released = 0
         while self.held:
             number = min(self.held)
@@ -275,7 +276,7 @@ class Sequencer:
             released += 1
 
     def _skip(self, number: int) -> Trouble:
-        """Give up the batches before `number`, but keep their numbers."""
+        """Give up the missing batches before `number`, but remember their numbers."""
         first = number if self.expected is None else self.expected
         self.counts.messages_missed += number - first
         self.skipped.update(dict.fromkeys(range(max(first, number - MAX_SKIPPED), number)))
@@ -288,17 +289,17 @@ class Sequencer:
 # ---- samples into slots ----------------------------------------------------------------------------------------------
 
 
-_channels_of: Final = attrgetter(*CHANNELS)  # of samples, all at once: asked of every message
+_channels_of: Final = attrgetter(*CHANNELS)  # all channels of samples in one call: every message needs them
 
-# In SI units: no wheel, with limits of its own or without, has more. Sums of squares stay far from overflow.
+# Limit in SI units where the wheel file has none: no wheel has more, and sums of squares do not overflow.
 MAX_MAGNITUDE: Final = 1e6
-# Slots written to the ring buffer, and samples looked at, in one go.
+# Slots written to the ring buffer, and samples processed, at a time.
 PIECE_SLOTS: Final = 4_096
 
 
 @dataclass(frozen=True, slots=True)
 class Rows:
-    """Samples within the wheel's limits, with the values that go into the ring buffer.
+    """Samples within the wheel's limits, with the values for the ring buffer.
 
     Attributes
     ----------
@@ -321,23 +322,23 @@ class Rows:
         return type(self)(self.time_ns[selection], values)
 
     def followed_by(self, others: Rows) -> Rows:
-        """Return these samples and then the others."""
+        """Return these samples followed by the others."""
         values = {name: np.concatenate((array, others.values[name])) for name, array in self.values.items()}
         return Rows(np.concatenate((self.time_ns, others.time_ns)), values)
 
     def good(self) -> BoolArray:
-        """Return which samples have both values that a diagnosis needs, bool (n,)."""
+        """Return which samples have both values that a diagnosis needs (speed, torque), bool (n,)."""
         return np.isfinite(self.values["speed_rad_s"]) & np.isfinite(self.values["torque_Nm"])
 
 
 def fits(values: Mapping[str, FloatArray], count: int, channels: Sequence[str]) -> bool:
-    """Return whether values that were kept can be of these channels: so many of each, none of them infinite."""
+    """Return whether values of a checkpoint fit these channels: `count` values of each, none of them infinite."""
     sound = (one.size == count and not np.isinf(one).any() for one in values.values())
     return set(values) == set(channels) and all(sound)
 
 
 class Piece(NamedTuple):
-    """Samples that go on from the last slot.
+    """Samples after the last slot taken.
 
     Attributes
     ----------
@@ -352,26 +353,27 @@ class Piece(NamedTuple):
 
 
 class SlotAssignment:
-    """Gives samples their slots and counts what becomes of each.
+    """Assigns samples to slots and counts what becomes of each.
 
     An epoch begins with two samples that agree: a sample more than a window away from the last one waits for the next.
-    If that goes on where the last one was, or agrees with neither, the one that waited is rejected: a wild time stamp.
+    If that continues from the last one, or agrees with neither, the waiting sample is rejected: a wrong time stamp.
 
     Parameters
     ----------
     wheel
-        Gives period and limits, beyond which samples are rejected; a clock step of more than a window begins an epoch.
+        Has the period and the limits, beyond which samples are rejected; a clock step of more than a window begins an
+        epoch.
     counts
         Where to count.
 
     Attributes
     ----------
     grid
-        Slot grid of the running epoch; None before the first sample.
+        Slot grid of the current epoch; None before the first sample.
     last_ns
         Time of the latest sample that took a slot.
     waiting
-        One sample that the next one judges; None for none.
+        One sample, accepted or rejected by the next one; None for none.
     """
 
     def __init__(self, wheel: Wheel, counts: Counts) -> None:
@@ -391,7 +393,7 @@ class SlotAssignment:
     def reject_beyond_limits(self, samples: Samples) -> BoolArray | None:
         """Return which samples can be telemetry of this wheel, bool (n,), and count the others as rejected.
 
-        None where every value is there and all can be, as nearly always.
+        None where all samples can be and every value is finite, as nearly always.
         """
         wrong = (samples.time_ns < MIN_TIME_NS) | (samples.time_ns > MAX_TIME_NS)
         clean = not wrong.any()
@@ -409,10 +411,10 @@ class SlotAssignment:
     def place(
         self, rows: Rows, ring: RingBuffer, *, passed: bool = False, last: bool = False
     ) -> Iterator[Piece | SlotGrid | Trouble]:
-        """Bring samples into their slots, count them, and yield what comes of it, in order.
+        """Assign samples to slots, count them, and yield pieces, new slot grids and reports, in order.
 
         A piece ends before a clock step and before the slots grow by more than `PIECE_SLOTS`, so that the caller can
-        write it into a buffer of bounded size before asking on; the slot grid of a new epoch comes before its pieces.
+        write it into a buffer of bounded size before the next one; the slot grid of a new epoch precedes its pieces.
 
         Parameters
         ----------
@@ -421,7 +423,7 @@ class SlotAssignment:
         ring
             The slots of the epoch so far: all before its end are taken or missed.
         passed
-            Whether these are samples of a message that was given up: they come late and never step the clock.
+            Whether these are samples of a message that was given up: they are late and never step the clock.
         last
             Whether nothing comes after these rows, so that none can wait.
         """
@@ -442,7 +444,7 @@ class SlotAssignment:
                 if count:
                     start += count
                     continue
-            # It cannot go on from the last one: the next sample with another time judges it.
+            # It does not continue from the last one: the next sample with another time decides.
             first_ns, following = int(time_ns[start]), _next_time(time_ns, start)
             undecided, grid = following == len(rows), SlotGrid(first_ns, self.period_ns)
             # A table of one sample is a window of one sample.
@@ -472,7 +474,10 @@ class SlotAssignment:
             yield Trouble("stray samples", f"{rejected}, the first at {time_text(strays[0])}")
 
     def _agree(self, grid: SlotGrid, next_ns: int, frontier: int) -> bool:
-        """Return whether the next sample lies near slot 0 of a new grid, and nearer than to the last sample."""
+        """Return whether the next sample is within a window of slot 0 of a new grid, and nearer to it than to the last.
+
+        The last is the latest slot of the current grid, if there is one.
+        """
         distance = abs(grid.slot_of(next_ns))
         nearer = self.grid is None or distance < abs(self.grid.slot_of(next_ns) - (frontier - 1))
         return distance <= self.window_slots and nearer
@@ -480,14 +485,14 @@ class SlotAssignment:
     def _go_on(
         self, grid: SlotGrid, rows: Rows, good: BoolArray, start: int, ring: RingBuffer, *, passed: bool
     ) -> tuple[int, Piece | None]:
-        """Place the rows from `start` on into the running grid, up to the next clock step.
+        """Assign the rows from `start` on to the current grid, up to the next clock step.
 
         Returns
         -------
         count
-            How many rows these are: none where the clock step is there.
+            How many rows these are: 0 if the clock step is at `start`.
         piece
-            Those of them that take a slot.
+            Those of them that take a slot; None where none does.
         """
         counts = self.counts
         piece_ns, piece_good = rows.time_ns[start : start + PIECE_SLOTS], good[start : start + PIECE_SLOTS]
@@ -525,7 +530,7 @@ class SlotAssignment:
 
 def _next_time(time_ns: IntArray, start: int) -> int:
     """Return the next row with another time than row `start`, n where there is none."""
-    for stop in (start + PIECE_SLOTS, time_ns.size):  # near first
+    for stop in (start + PIECE_SLOTS, time_ns.size):  # nearby rows first
         other = np.flatnonzero(time_ns[start + 1 : stop] != time_ns[start])
         if other.size:
             return start + 1 + int(other[0])

@@ -1,7 +1,7 @@
 """What diagnoses depend on: the constants of the wheels of a fleet, and the model; read from files or a recording.
 
-One wheel file is for all wheels, and some wheels may have one of their own. In a recording they are attachments,
-`wheel.toml` and `wheels/{spacecraft}/{wheel}.toml`, beside model and settings, so that a replay needs nothing else.
+There is one wheel file for all wheels, and some wheels may have one of their own. In a recording they are attachments,
+`wheel.toml` and `wheels/{spacecraft}/{wheel}.toml`, with model and settings, so that a replay needs nothing else.
 """
 
 from __future__ import annotations
@@ -31,16 +31,16 @@ SUFFIX: Final = ".toml"
 
 @dataclass(frozen=True, slots=True)
 class Setup:
-    """What a recording was made with: the constants of all wheels of a fleet, and what was learned.
+    """What diagnoses depend on: the constants of all wheels of a fleet, and the learned model.
 
     Attributes
     ----------
     common
-        Of every wheel that has none of its own.
+        Constants of every wheel that has none of its own.
     own
-        Of single wheels, by spacecraft and wheel.
+        Constants of single wheels, by spacecraft and wheel.
     model
-        What nominal and anomalous friction look like; None leaves all verdicts open.
+        The learned classifiers of nominal and anomalous friction; None leaves anomalies undecided.
     """
 
     common: Wheel = field(default_factory=built_in_wheel)
@@ -48,11 +48,11 @@ class Setup:
     model: Model | None = None
 
     def wheel(self, spacecraft: str, wheel: str) -> Wheel:
-        """Return the constants of a wheel, which are those of its replay, too."""
+        """Return the constants of a wheel, which its replay shares."""
         return self.own.get((spacecraft, wheel.removesuffix(REPLAY)), self.common)
 
     def attachments(self) -> dict[str, bytes]:
-        """Return the setup as attachments of a recording, by name, as `of` reads them."""
+        """Return the setup as attachments of a recording, by name, for `of` to read."""
         own = {f"{OWN_PREFIX}{'/'.join(key)}{SUFFIX}": wheel for key, wheel in sorted(self.own.items())}
         wheels = {name: wheel.to_toml().encode() for name, wheel in {COMMON: self.common, **own}.items()}
         return {**wheels, MODEL: self.model.to_json().encode() if self.model else b""}
@@ -71,11 +71,11 @@ class Setup:
 
     @classmethod
     def found_in(cls, recording: Recording) -> Setup | None:
-        """Read the setup as `of` does; None of a recording that was not made by a monitor."""
+        """Read the setup as `of` does; return None for a recording that was not made by a monitor."""
         return cls.of(recording) if COMMON in recording.attachments else None
 
     def new_core(self, spacecraft: str, wheel: str) -> WheelCore:
-        """Return the core of a wheel of which nothing is known yet."""
+        """Return a core in its initial state."""
         return WheelCore(self.wheel(spacecraft, wheel), self.model)
 
     def identity_of(self, spacecraft: str, wheel: str) -> tuple[str, str]:
@@ -84,7 +84,7 @@ class Setup:
 
 
 def key_of_name(name: str) -> WheelKey:
-    """Return the wheel that a file `{spacecraft}/{wheel}.toml` is of; raises InputError where it names none."""
+    """Return the wheel that a name `{spacecraft}/{wheel}.toml` denotes; raises InputError where it denotes none."""
     spacecraft, wheel, _ = split_key(f"{KEY_PREFIX}/{name.removesuffix(SUFFIX)}/{SamplesMessage.kind}")
     return spacecraft, wheel
 
@@ -118,12 +118,12 @@ def read_wheel_folder(folder: Path) -> dict[WheelKey, Wheel]:
     Returns
     -------
     dict
-        Wheels by spacecraft and name, sorted. Other files are left alone.
+        Wheels by spacecraft and name, sorted. Other files are ignored.
 
     Raises
     ------
     InputError
-        If there is no such file, one cannot be used, or the bus has no such names.
+        If there is no such file, one cannot be used, or its name is not valid on the bus.
     """
     files = sorted(folder.glob("*/*.toml"))
     if not files:

@@ -1,9 +1,9 @@
-"""Stored telemetry of a wheel: dumps that come hours late, in any order, laid beside the live samples of that time.
+"""Stored telemetry of a wheel: dumps that arrive hours late, in any order, merged with the live samples of that time.
 
-Time is cut into the windows of the live samples before, or else of a grid that is fixed by the clock and not by what
-came first, so that the windows are the same in whatever order dumps come. A window is due when all its slots are taken,
-or when the dump has gone on elsewhere; what still comes for it makes it due again. Like the rest of the core it has no
-clock of the machine.
+Windows continue the grid of the live samples so far, or else have a phase fixed by the wheel's clock and not by the
+first arrival, so that they are the same in whatever order dumps arrive. A window is due for diagnosis when all its
+slots are taken, or when the dump has moved on to other windows; samples that still arrive for it make it due again. As
+in the rest of the core, the machine's clock is not used.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -19,26 +19,26 @@ from rwa_monitor.switching.carried_state import CarriedState
 
 # Kept of a wheel that has dumps: 24 hours at 8 Hz, 12 MB where friction is given, 6 MB for each further channel.
 KEPT_SLOTS: Final = 691_200
-MAX_WINDOWS: Final = 64  # of a wheel, kept or open at once: one that comes late has those after it diagnosed again
-LEFT_SHARE: Final = 8  # samples for other windows, as a part of a window, after which a dump has gone on elsewhere
+MAX_WINDOWS: Final = 64  # of a wheel, kept or open at once: a late one has those after it diagnosed again
+LEFT_SHARE: Final = 8  # a dump has left a window after 1/8 of a window of samples for other windows
 
 
 @dataclass(slots=True)
 class StoredWindow:
-    """What has come for one window.
+    """The samples received for one window.
 
     Attributes
     ----------
     values
         float64 (window slots,) of every channel, NaN where there is no good sample.
     stored
-        Whether some of it was stored.
+        Whether some of the samples were stored ones.
     due
-        Whether something has come since it was diagnosed last.
+        Whether it is to be diagnosed: samples have arrived since it last was, and it has stored ones.
     diagnosed
-        Whether it was.
+        Whether it has been diagnosed with stored samples.
     elsewhere
-        Samples for other windows since the last one for this.
+        Number of samples for other windows since the last one for this.
     """
 
     values: dict[str, FloatArray]
@@ -72,7 +72,8 @@ class StoredTelemetry:
     newest
         Number of the latest window that a message was for, None before the first.
     waiting
-        Stored samples far ahead of all others, which the next ones judge: a dump after days, or wild times.
+        Stored samples far ahead of all others, until the next ones confirm or reject them: a dump after days, or wrong
+        times.
     """
 
     period_ns: Count
@@ -85,11 +86,11 @@ class StoredTelemetry:
 
     @property
     def kept(self) -> int:
-        """Windows before the newest one that are kept."""
+        """Number of windows before the newest one that are kept."""
         return min(-(-KEPT_SLOTS // self.window_slots), MAX_WINDOWS)
 
     def fits(self, period_ns: int, window_slots: int, channels: Sequence[str]) -> bool:
-        """Return whether it can be of a core with such a wheel."""
+        """Return whether this state of a checkpoint fits a core with such a wheel."""
         rows = self.waiting
         kept: list[tuple[Mapping[str, FloatArray], int]] = [(one.values, window_slots) for one in self.windows.values()]
         kept += [] if rows is None else [(rows.values, len(rows))]
@@ -107,7 +108,7 @@ class StoredTelemetry:
     # ---- samples in -------------------------------------------------------------------------------------------------
 
     def add(self, rows: Rows, counts: Counts | None) -> bool:
-        """Lay samples into their windows, where a slot is not taken yet.
+        """Add samples to their windows, in slots that are not taken yet.
 
         Parameters
         ----------
@@ -119,7 +120,7 @@ class StoredTelemetry:
         Returns
         -------
         bool
-            Whether some came later than anything is kept.
+            Whether some are older than the windows that are kept.
         """
         pieces = (rows[start : start + self.window_slots] for start in range(0, len(rows), self.window_slots))
         return sum(self._add(piece, counts) for piece in pieces) > 0
@@ -175,22 +176,22 @@ class StoredTelemetry:
         return bool(late.any())
 
     def _middle(self, rows: Rows) -> int:
-        """Return the window of samples that are together: of the one in the middle, as a single time may be wild."""
+        """Return the number of the window of the median time: a single time may be wrong."""
         rank = len(rows) // 2
         return int(self.grid_of(0).slot_of(int(np.partition(rows.time_ns, rank)[rank]))) // self.window_slots
 
     # ---- windows out ------------------------------------------------------------------------------------------------
 
     def due(self, *, to_the_end: bool) -> Iterator[tuple[SlotGrid, StoredWindow, CarriedState, bool]]:
-        """Yield the windows that are to be diagnosed, the earliest first, and those after them that it changes.
+        """Yield the windows that are due, the earliest first, and the later ones whose prior state changes by that.
 
-        Each comes with its grid, the state before it, and whether that is the one at its very beginning. The state
-        after it is to be noted before the next one is asked for.
+        Each comes with its slot grid, the latest state before it, and whether that state's window ends where this one
+        begins. The caller must `note` the state after it before asking for the next one.
 
         Parameters
         ----------
         to_the_end
-            Whether nothing more will come.
+            Whether the telemetry has ended.
         """
         earlier_changed = False
         oldest = (self.newest or 0) - self.kept
