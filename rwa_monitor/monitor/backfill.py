@@ -1,16 +1,16 @@
-"""Closes the gaps in what publishers send, before the messages are passed on.
+"""Closes gaps in publishers' message sequences before messages are passed on.
 
-Zenoh's advanced subscriber queries publishers' history when it starts, and for what it missed. Three things can
-go wrong with that (seen with Zenoh 1.10). Where a live message overtakes the history, the history is thrown away as
-older: one in eight starts while messages flow. Where a question is lost with a connection, it is not asked again. And
-where a long history comes at once, the end of a message may be the beginning of another one: once in some 30 histories
-of 4,000 messages of 12 kB. So here the messages of a publisher, which Zenoh counts, wait while one before them is
-missing or could not be read, and that one is asked for again; messages of others pass. What arrives twice is recognised
-by its batch number further on.
+Zenoh's advanced subscriber queries each publisher's history when it starts, and for messages that it missed. Three
+faults were observed (Zenoh 1.10). A live message that overtakes the history makes Zenoh discard the history as older:
+one in eight starts while messages flow. A query that is lost with a connection is not repeated. And in a long history
+that arrives at once, a message may end with the beginning of another one: once in some 30 histories of 4,000 messages
+of 12 kB. Therefore the messages of a publisher, which Zenoh numbers, are held while an earlier one is missing or could
+not be read, and that one is requested again; messages of other publishers pass. Duplicates are recognised later by
+their batch number.
 
-After an outage, or a start of the monitor, that is so of all publishers of a fleet at once. Their answers, which may be
-whole histories, are not counted before they are here: so a few publishers are asked at a time, the others when those
-have answered, and no other while answers lie here that were not passed on.
+After an outage, or a start of the monitor, all publishers of a fleet have gaps at once. The size of their answers,
+which may be whole histories, is unknown until they arrive: so a limited number of publishers is queried at a time, the
+next ones when those have answered, and no further one while too many answers have not been passed on.
 """
 
 import time
@@ -24,20 +24,20 @@ import zenoh
 
 from rwa_monitor.messages import MAX_MESSAGE_BYTES, MAX_WHEELS
 
-TIMEOUT_S: Final = 2.0  # for an answer, or for room in the inbox: publishers give up a connection that is stuck for 5 s
-# When to ask again where something is still missing, after the answer before [s]: outages end. Then it is lost.
+TIMEOUT_S: Final = 2.0  # for an answer, or for room in the inbox: publishers close a connection that blocks for 5 s
+# Pauses after an answer before messages that are still missing are requested again [s]; then they count as lost.
 PAUSES_S: Final = (0.2, 0.5, 1.0, 2.0)
-MAX_ASKED: Final = 32  # publishers whose answers are awaited at a time: as many histories may come at once
+MAX_ASKED: Final = 32  # publishers whose answers are awaited at a time: as many histories may arrive at once
 INBOX_MESSAGES: Final = 65_536
 INBOX_BYTES: Final = 128 * 2**20  # some 8,700 messages of 256 samples: 77 hours of one wheel at 8 Hz
 
 
 class Arrival(NamedTuple):
-    """A message that arrived: where it was published, its content, who published it, and as which of its messages.
+    """A message that arrived: its key, its content, its publisher, and its sequence number at that publisher.
 
-    `source` is zid/eid of the publisher in Zenoh, "" where it is not named; `number` counts from 0. `is_gap` marks what
-    is no message, but marks that all before `number` was sent: the inbox had no room for it. `again` marks what was
-    asked for once more because it could not be read.
+    `source` is zid/eid of the publisher in Zenoh, "" where it is not named; `number` counts from 0. `is_gap` marks a
+    placeholder, not a message: all messages before `number` were sent, so that missing ones are to be requested.
+    `again` marks a message that was requested once more because it could not be read.
     """
 
     key: str
@@ -49,18 +49,18 @@ class Arrival(NamedTuple):
 
 
 class Inbox:
-    """A bounded queue from Zenoh's threads to ours.
+    """A bounded queue from Zenoh's threads to the thread that processes messages.
 
     Attributes
     ----------
     max_messages, max_bytes
         What it holds at most.
     patience_s
-        How long to wait for room, before a message is dropped and counted [s].
+        How long to wait for room before a message is dropped and counted [s].
     dropped
         Messages dropped so far.
     wake
-        Set when something has arrived.
+        Set when a message has arrived.
     """
 
     def __init__(self) -> None:
@@ -73,15 +73,15 @@ class Inbox:
         self._lost: dict[str, Arrival] = {}  # of each publisher the last message that was dropped, without its content
         self._bytes = 0
         self._room = Condition()  # held for a few operations only
-        self._patient = True
-        self._open = True  # callbacks go on after undeclare(): they check this
+        self._patient = True  # whether to wait for room: not again after a wait that failed, until a message is taken
+        self._open = True  # Zenoh still calls callbacks after undeclare(): they check this
 
     def __len__(self) -> int:
         """Count the messages that wait."""
         return len(self._messages)
 
     def receive(self, sample: zenoh.Sample) -> None:
-        """Take what came, in threads beside Zenoh's: append, and nothing else; nothing once it is closed."""
+        """Append a sample of Zenoh, as its callback in other threads; ignore it once the inbox is closed."""
         if self._open and sample.kind == zenoh.SampleKind.PUT:
             self.put(arrival_of(sample))
 
@@ -89,7 +89,7 @@ class Inbox:
         """Append a message; when full, wait for room, or drop and count it after a while."""
         source = message.source
         with self._room:
-            # A reader that stands still costs the wait once, not once for each message.
+            # While the reader is stalled, only the first message waits.
             if not self._fits(message) and not (
                 self._patient and self._room.wait_for(lambda: self._fits(message), self.patience_s)
             ):
@@ -120,7 +120,7 @@ class Inbox:
             return lost
 
     def close(self) -> None:
-        """End all waiting, and take nothing more."""
+        """Release all threads that wait for room, and accept no more samples."""
         self._open = False
         with self._room:
             self.patience_s = 0.0
@@ -130,8 +130,8 @@ class Inbox:
         return len(self._messages) < self.max_messages and self._bytes + len(message.payload) <= self.max_bytes
 
 
-# Asks for what a publisher sent before a message, from a number on; calls the first function for each answer, and the
-# second one when there are no more.
+# Requests the messages that a publisher sent before a given one, from a number on; calls the first function for each
+# answer, and the second one after the last.
 Ask = Callable[[Arrival, int, Callable[[Arrival], None], Callable[[], None]], None]
 
 
@@ -139,15 +139,15 @@ Ask = Callable[[Arrival, int, Callable[[Arrival], None], Callable[[], None]], No
 class _Gap:
     """Messages first … before - 1 of a publisher are missing; those after them wait.
 
-    `asked_s` is None until the publisher's turn to be asked has come. `unread` is the one that is missing because it
-    could not be read, as it came: what there is where the publisher no longer has it.
+    `asked_s` is None until the publisher has been queried. `unread` is the message that could not be read, as it
+    arrived: it is passed on if the publisher no longer has it.
     """
 
     first: int
     before: Arrival
     asked_s: float | None = None
     pauses_s: list[float] = field(default_factory=lambda: list(PAUSES_S))
-    found: dict[int, Arrival] = field(default_factory=dict)  # by number: each answer to a question asked again has all
+    found: dict[int, Arrival] = field(default_factory=dict)  # by number: a repeated query is answered in full again
     found_bytes: int = 0
     answered_s: float | None = None
     held: deque[Arrival] = field(default_factory=deque)
@@ -165,22 +165,22 @@ class _Gap:
 
 
 class Backfill:
-    """Stands between the inbox and whoever takes messages from it.
+    """Takes messages from the inbox and passes them on in order, with the gaps in them closed.
 
     Parameters
     ----------
     ask
-        Asks for messages of a publisher; may call back in any thread.
+        Requests messages of a publisher; may call back in any thread.
     max_bytes
-        Of messages that wait here; beyond it nothing more is taken from the inbox until there is room. And of answers;
-        beyond it no further publisher is asked.
+        Limit of the messages held here: beyond it nothing more is taken from the inbox until there is room. Also of the
+        answers: beyond it no further publisher is queried.
     clock_s
-        A clock that only goes forward [s].
+        A monotonic clock [s].
 
     Attributes
     ----------
     missed
-        Messages that could not be got any more, by key.
+        Number of messages that could not be recovered, by key.
     """
 
     def __init__(self, ask: Ask, max_bytes: int, clock_s: Callable[[], float] = time.monotonic) -> None:
@@ -192,7 +192,7 @@ class Backfill:
         self._gaps: dict[str, _Gap] = {}
         self._held_bytes = 0
         self._ready: deque[Arrival] = deque()
-        self._no_use: deque[str] = deque(maxlen=MAX_WHEELS)  # who writes what cannot be read
+        self._no_use: deque[str] = deque(maxlen=MAX_WHEELS)  # publishers whose messages were unreadable twice
 
     def __len__(self) -> int:
         """Count the messages that wait here."""
@@ -202,7 +202,7 @@ class Backfill:
         """Return the next message, None when there is none yet; `take` takes one from the inbox."""
         for source in list(self._gaps):
             if self._ready:
-                break  # one gap after the other: what it held is in memory until it was taken
+                break  # one gap at a time: the messages that it held stay in memory until they are taken
             self._settle(source)
         while not self._ready and self._held_bytes <= self._max_bytes:
             arrival = take()
@@ -213,7 +213,7 @@ class Backfill:
         return self._ready.popleft() if self._ready else None
 
     def _sort(self, arrival: Arrival) -> None:
-        """Pass a message on, or let it wait for those before it."""
+        """Pass a message on, or hold it until those before it have arrived."""
         source, number = arrival.source, arrival.number
         following = self._next.get(source, 0)
         if source in self._gaps or (source and number > following):
@@ -222,18 +222,18 @@ class Backfill:
         self._pass(arrival)
 
     def miss(self, dropped: Arrival) -> None:
-        """Ask for a message that arrived and was dropped, and for all before it that did not get here.
+        """Request a message that arrived and was dropped, and all before it that are missing.
 
-        Its followers would show the gap, but there may be none.
+        Later messages would reveal the gap, but there may be none.
         """
         self._sort(Arrival(dropped.key, b"", dropped.source, dropped.number + 1, is_gap=True))
         self._ask_next()
 
     def ask_again(self, unread: Arrival) -> bool:
-        """Ask once more for a message that could not be read; what follows it waits.
+        """Request a message that could not be read once more; the messages after it are held.
 
-        Returns False where that is no use: its publisher cannot be asked, or it came like this twice. A publisher whose
-        message did so is not asked again for others.
+        Returns False where that is useless: its publisher is not known, or the message was unreadable twice. A
+        publisher with such a message is not queried for other unreadable ones.
         """
         source, number = unread.source, unread.number
         if unread.again:
@@ -245,7 +245,7 @@ class Backfill:
         self._ready = deque(arrival for arrival in self._ready if arrival.source != source)
         for arrival in following:
             self._hold(gap, arrival)
-        if source in self._gaps:  # what is missing further on is found to be missing again
+        if source in self._gaps:  # a later gap will be detected again
             gap.held += self._gaps.pop(source).held
         self._gaps[source] = gap
         self._ask_next()
@@ -257,7 +257,7 @@ class Backfill:
         self._ready.append(arrival)
         if arrival.source:
             self._next[arrival.source] = max(self._next.pop(arrival.source, 0), arrival.number + 1)
-            if len(self._next) > MAX_WHEELS:  # one that was dropped is only asked again
+            if len(self._next) > MAX_WHEELS:  # a publisher that is forgotten is only queried again
                 self._next.popitem(last=False)
 
     def _hold(self, gap: _Gap, arrival: Arrival) -> None:
@@ -265,7 +265,7 @@ class Backfill:
         self._held_bytes += len(arrival.payload)
 
     def _ask_next(self) -> None:
-        """Ask the publishers whose turn has come."""
+        """Query as many of the publishers not yet queried as the limits allow."""
         unasked = [gap for gap in self._gaps.values() if gap.asked_s is None]
         if not unasked:
             return
@@ -284,7 +284,7 @@ class Backfill:
         self._ask(gap.before, gap.first, gap.take, answered)
 
     def _settle(self, source: str) -> None:
-        """Pass on what waited where the gap is closed, or will not be; ask again where it may be."""
+        """Pass on the held messages if the gap is closed or given up; query again if it may still close."""
         gap, now_s = self._gaps[source], self._clock_s()
         if gap.asked_s is None or gap.is_awaited(now_s):
             return
@@ -299,7 +299,7 @@ class Backfill:
         if gap.unread is not None:
             found = {gap.first: found.get(gap.first, gap.unread)._replace(again=True)}
         lost = gap.before.number - gap.first - len(found)
-        if lost > 0 and gap.first > 0:  # what a publisher sent before its first message here does not count
+        if lost > 0 and gap.first > 0:  # messages before the first one received of a publisher do not count
             self.missed[gap.before.key] = self.missed.get(gap.before.key, 0) + lost
         for number in sorted(found):
             self._pass(found[number])
@@ -310,7 +310,7 @@ class Backfill:
 
 
 def arrival_of(sample: zenoh.Sample) -> Arrival:
-    """Return a sample of Zenoh as a message; of one that is too large as much as shows it."""
+    """Return a sample of Zenoh as a message; an oversized one is cut one byte above the limit."""
     info = sample.source_info
     source, number = "", 0
     if info is not None:
@@ -319,10 +319,10 @@ def arrival_of(sample: zenoh.Sample) -> Arrival:
 
 
 def ask_publisher(session: zenoh.Session, wake: Event) -> Ask:
-    """Return a way to ask publishers for their history over a session; sets `wake` when there are no more answers."""
+    """Return a function that queries publishers' history over a session; it sets `wake` after the last answer."""
 
     def ask(before: Arrival, first: int, found: Callable[[Arrival], None], finished: Callable[[], None]) -> None:
-        """Ask the publisher of a message for those from number `first` on that came before it."""
+        """Request the messages from number `first` on that the publisher of a message sent before it."""
 
         def on_reply(reply: zenoh.Reply) -> None:
             if reply.ok is not None:

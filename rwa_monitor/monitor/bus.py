@@ -1,10 +1,10 @@
-"""The Zenoh bus with secure defaults: nothing listens and nothing is searched for by default.
+"""The Zenoh bus with secure defaults: no listening endpoint and no scouting unless configured.
 
-Callbacks run in threads beside Zenoh's and only append to a bounded inbox; one thread of ours takes from it. When the
-inbox is full, a callback waits for room, so that reliable publishers slow down to our pace and nothing is lost. If
-there is none for `TIMEOUT_S`, because the monitor stands still, the message is dropped and counted: a longer wait
-would close the connection, and lose more than one message without a count. What was dropped is asked for again when
-there is time. Memory stays bounded in any case.
+Zenoh's callbacks run in threads of their own and only append to a bounded inbox, which one thread of the monitor
+empties. When the inbox is full, a callback waits for room, so that reliable publishers slow down to the monitor's pace
+and nothing is lost. If there is none for `TIMEOUT_S`, because the monitor is stalled, the message is dropped and
+counted: a longer wait would close the connection, and lose more than one message without a count. Dropped messages are
+requested again when the inbox is empty. Memory is bounded in any case.
 """
 
 import json
@@ -29,28 +29,28 @@ from rwa_monitor.telemetry.files import MAX_DEPTH, read_text
 from rwa_monitor.wheel.file_content import MAX_CONTENT_BYTES
 from rwa_monitor.words import Log
 
-# Of each publisher, at a start. It must be set: without a number the first live message ends Zenoh's wait for the
-# history, and all of the history is thrown away as older (seen in 1 of 8 starts while messages flow, Zenoh 1.10).
+# Messages of each publisher queried at a start. It must be set: without it the first live message ends Zenoh's wait for
+# the history, which is discarded as older (seen in 1 of 8 starts while messages flow, Zenoh 1.10).
 MAX_HISTORY: Final = 1_000_000
-OUTPUT_HISTORY: Final = 100  # diagnoses, changepoints and so on of each wheel that a late subscriber gets
+OUTPUT_HISTORY: Final = 100  # messages of each wheel and kind (diagnosis, changepoints, …) kept for late subscribers
 ALL_SAMPLES: Final = "rwa/*/*/samples"  # spacecraft, wheel
 
-# What Zenoh does by default, and what we do instead. What a configuration file sets otherwise than Zenoh's own default
-# counts; shared memory and plug-ins stay off in any case.
+# Settings that replace Zenoh's defaults. A value of the configuration file that differs from Zenoh's default takes
+# precedence; shared memory and plug-ins stay off in any case.
 _SECURE: Final[tuple[tuple[str, Any], ...]] = (
     ("listen/endpoints", []),
     ("scouting/multicast/enabled", False),
     ("scouting/gossip/enabled", False),
-    # Whoever was away for a moment is back within a second, not within four: a publisher's history has an end.
+    # Reconnect within one second after a short outage, not within four: a publisher's history is limited.
     ("connect/retry", {"period_init_ms": 200, "period_max_ms": 1_000, "period_increase_factor": 2.0}),
     ("transport/link/rx/max_message_size", 2 * MAX_MESSAGE_BYTES),
-    # A subscriber that is stuck may hold us up for one second [µs], not for five.
+    # A subscriber that is stuck may block the monitor for one second [µs], not for five.
     ("transport/link/tx/queue/congestion_control/block/wait_before_close", 1_000_000),
 )
 _FIXED: Final[tuple[tuple[str, Any], ...]] = (
     # A killed publisher leaves its segment behind, and a read-only /dev/shm makes `open` fail.
     ("transport/shared_memory/enabled", False),
-    # Code from files that a configuration names.
+    # Plug-ins run code from files that a configuration names.
     ("plugins_loading/enabled", False),
 )
 _JSON5_STRING_OR_COMMENT: Final = re.compile(r"""//[^\n]*|/\*.*?\*/|"(?:\\.|[^"\\])*"|'(?:\\.|[^'\\])*'""", re.DOTALL)
@@ -64,10 +64,10 @@ class BusOptions(NamedTuple):
     Attributes
     ----------
     mode
-        -m: peer, client or router. By default, what only connects is a client where a router answers: peers behind a
-        router do not reach each other. Where none answers yet it is a peer, which waits for one.
+        -m: peer, client or router. By default, a session that only connects is a client if a router answers: peers
+        behind a router do not reach each other. If none answers yet it is a peer, which waits for one.
     connect, listen
-        -e, -l: endpoints such as "tcp/127.0.0.1:7447". Neither: embedded, a bus inside the process, without a socket.
+        -e, -l: endpoints such as "tcp/127.0.0.1:7447". Without both: a bus inside the process, without a socket.
     config
         -c: a Zenoh configuration file; the other options change its settings.
     no_multicast_scouting
@@ -85,7 +85,7 @@ def session_config(options: BusOptions) -> zenoh.Config:
     """Return the Zenoh configuration of the options; raises InputError naming the option that is wrong."""
     config, default = zenoh.Config(), zenoh.Config()
     if options.config is not None:
-        # Zenoh's own has 8 levels; its parser overflows the stack at some ten thousand.
+        # Zenoh's own configuration has 8 levels; its parser overflows the stack at some ten thousand.
         if _depth(read_text(options.config, MAX_CONTENT_BYTES)) > MAX_DEPTH:
             reason = f"is no Zenoh configuration: it is nested deeper than {MAX_DEPTH} levels"
             raise InputError(str(options.config), reason)
@@ -121,12 +121,12 @@ def session_config(options: BusOptions) -> zenoh.Config:
 
 
 def _plain(error: zenoh.ZError) -> str:
-    """Return what Zenoh reports without the places of its sources."""
+    """Return Zenoh's error message without the locations in its source code."""
     return re.sub(r" at /\S+\.rs:\d+\.?", "", str(error))
 
 
 def _depth(json5: str) -> int:
-    """Return how deep a JSON5 text is nested; what stands in strings and comments does not count."""
+    """Return how deep a JSON5 text is nested; brackets in strings and comments do not count."""
     deepest = depth = 0
     for bracket in re.findall(r"[\[\]{}]", _JSON5_STRING_OR_COMMENT.sub("", json5)):
         depth += 1 if bracket in "[{" else -1
@@ -135,7 +135,7 @@ def _depth(json5: str) -> int:
 
 
 def open_session(options: BusOptions) -> zenoh.Session:
-    """Open a Zenoh session; use it with `with`, an open one keeps the process from ending.
+    """Open a Zenoh session; use it with `with`, as an open session keeps the process from ending.
 
     Raises
     ------
@@ -150,7 +150,7 @@ def open_session(options: BusOptions) -> zenoh.Session:
     zenoh.init_log_from_env_or("error")
     if options.mode is None and options.config is None and options.connect and not options.listen:
         as_client = session_config(options._replace(mode="client"))
-        with suppress(zenoh.ZError):  # none answers: as a peer it can wait
+        with suppress(zenoh.ZError):  # no router answers: a peer can wait for one
             return zenoh.open(as_client)
     try:
         return zenoh.open(config)
@@ -159,11 +159,11 @@ def open_session(options: BusOptions) -> zenoh.Session:
         raise RwaMonitorError(f"the bus cannot be opened ({where}): {_plain(error)}") from error
 
 
-# ---- the monitor's end of the bus ------------------------------------------------------------------------------------
+# ---- subscriptions and publications of the monitor -------------------------------------------------------------------
 
 
 def check_wheels(key_expression: str) -> None:
-    """Raise InputError unless samples of some wheel have keys that this key expression matches."""
+    """Raise InputError unless this key expression matches the key of some wheel's samples."""
     try:
         matches = zenoh.KeyExpr(key_expression).intersects(zenoh.KeyExpr(ALL_SAMPLES))
     except zenoh.ZError as error:
@@ -173,7 +173,7 @@ def check_wheels(key_expression: str) -> None:
 
 
 def _subscriber(session: zenoh.Session, key_expression: str, inbox: Inbox) -> Any:
-    """Subscribe to messages from now on, and to what their publishers still hold of before."""
+    """Subscribe to messages from now on, and to the earlier ones that their publishers still keep."""
     return ext.declare_advanced_subscriber(
         session,
         key_expression,
@@ -186,10 +186,10 @@ def _subscriber(session: zenoh.Session, key_expression: str, inbox: Inbox) -> An
 def reliable_publisher(
     session: zenoh.Session, key: str, encoding: str, kept: int, *, repeats_number: bool = True
 ) -> Any:
-    """Declare a publisher that keeps so many messages for whoever comes late; its `undeclare` drops them.
+    """Declare a publisher that keeps its last `kept` messages for late subscribers; its `undeclare` drops them.
 
-    It repeats the number of its last message, or sends it once: lost when that one message is (an outage, a subscriber
-    about to join), and with it the end of the stream until the next.
+    It sends the number of its last message periodically, or, without `repeats_number`, only when that changes. If that
+    notice is lost (an outage, a subscriber about to join), so is the end of the stream until the next message.
     """
     return ext.declare_advanced_publisher(
         session,
@@ -206,10 +206,10 @@ def reliable_publisher(
 
 
 class HealthAnswers:
-    """Answers questions on rwa/**/health with the latest health of each wheel that was published here.
+    """Answers queries on rwa/**/health with the latest health of each wheel that this process published.
 
-    A monitor publishes it at each window's close, and a dashboard when an alarm changes: every answer carries the time
-    at which it was published, of which Zenoh gives the later one.
+    A monitor publishes it when a window closes, and a dashboard when an alarm changes: every answer carries its
+    publication time, and of several answers Zenoh passes on the latest.
     """
 
     def __init__(self, session: zenoh.Session) -> None:
@@ -217,29 +217,29 @@ class HealthAnswers:
         self._latest: dict[str, tuple[EncodedMessage, Any]] = {}
 
     def offer(self) -> Any:
-        """Answer from now on; returns what is to be undeclared."""
+        """Answer queries from now on; returns the queryable, which the caller undeclares."""
         return self._session.declare_queryable("rwa/**/health", self._on_query)
 
     def stamp(self, message: EncodedMessage) -> Any:
-        """Take a wheel's health; returns the time with which it is to be published."""
+        """Keep a wheel's health for queries; returns the timestamp with which to publish it."""
         timestamp = self._session.new_timestamp()
         self._latest[message.topic] = message, timestamp
         return timestamp
 
     def clear(self) -> None:
-        """Answer nothing more: queries come after `undeclare`, too."""
+        """Answer no more queries: some arrive after `undeclare`."""
         self._latest.clear()
 
     def _on_query(self, query: zenoh.Query) -> None:
-        """Called in Zenoh's threads."""
-        for key, (health, timestamp) in dict(self._latest).items():  # a copy: others are published meanwhile
+        """Answer one query; called in Zenoh's threads."""
+        for key, (health, timestamp) in dict(self._latest).items():  # a copy: `stamp` may run meanwhile
             if query.key_expr.intersects(zenoh.KeyExpr(key)):
                 query.reply(key, health.payload, encoding=health.encoding, timestamp=timestamp)
         query.drop()  # type: ignore[no-untyped-call]
 
 
 class MonitorBus:
-    """What the monitor does on a session: takes samples, publishes messages, answers questions about health.
+    """The monitor's use of a session: takes samples, publishes messages, answers queries about health.
 
     Parameters
     ----------
@@ -249,9 +249,9 @@ class MonitorBus:
     Attributes
     ----------
     inbox
-        Where samples go.
+        Where messages of samples arrive.
     backfill
-        Closes the gaps in what the inbox gives.
+        Closes the gaps in the messages of the inbox.
     """
 
     def __init__(self, session: zenoh.Session) -> None:
@@ -263,13 +263,13 @@ class MonitorBus:
         self._health = HealthAnswers(session)
 
     def subscribe(self, key_expression: str) -> None:
-        """Take samples from now on, and what their publishers still hold of before."""
+        """Take samples from now on, and the earlier ones that their publishers still keep."""
         self._declared.append(_subscriber(self.session, key_expression, self.inbox))
 
     def take(self) -> Arrival | None:
         """Return the next message, None when there is none yet."""
         message = self.backfill.take(self.inbox.take)
-        if message is None:  # what was dropped is asked for when there is time for it
+        if message is None:  # dropped messages are requested again when there is nothing else to do
             for dropped in self.inbox.take_lost():
                 self.backfill.miss(dropped)
         return message
@@ -279,7 +279,7 @@ class MonitorBus:
         return len(self.inbox) + len(self.backfill)
 
     def offer_health(self) -> None:
-        """Answer questions on rwa/**/health, and show that the monitor is alive by a liveliness token."""
+        """Answer queries on rwa/**/health, and declare a liveliness token, which shows that the monitor is alive."""
         token = self.session.liveliness().declare_token(f"rwa/@monitor/{self.session.zid()}/alive")
         self._declared += [self._health.offer(), token]
 
@@ -298,28 +298,28 @@ class MonitorBus:
         self._publishers[key].put(message.payload, timestamp=timestamp)
 
     def close(self) -> None:
-        """Undeclare everything; what still arrives is ignored."""
+        """Undeclare everything; messages that still arrive are ignored."""
         self._health.clear()
         self.inbox.close()
         for entity in [*reversed(self._declared), *self._publishers.values()]:
-            with suppress(zenoh.ZError):  # the session may have been closed under us
+            with suppress(zenoh.ZError):  # the session may have been closed already
                 entity.undeclare()
         self._declared.clear()
         self._publishers.clear()
 
 
-# ---- whether the bus is there ----------------------------------------------------------------------------------------
+# ---- connection watch ------------------------------------------------------------------------------------------------
 
 
 class BusWatch:
-    """Watches the connections of a session that should connect somewhere.
+    """Watches whether a session that was opened with endpoints to connect to is connected.
 
     Parameters
     ----------
     session
         An open session.
     options
-        It was opened with these: it may only listen, or be embedded.
+        Those that it was opened with; without an endpoint to connect to, nothing is watched.
 
     Raises
     ------
@@ -337,7 +337,7 @@ class BusWatch:
         self._due_s = 0.0
 
     def trouble(self) -> str:
-        """Return in words what is wrong, "" where nothing is."""
+        """Return a sentence on what is wrong, "" where nothing is."""
         if not self._where:
             return ""
         try:
@@ -349,7 +349,7 @@ class BusWatch:
         return "" if connected else f"The bus is gone: there is no connection to {where}. Trying again."
 
     def log_changes(self, now_s: float, log: Log) -> None:
-        """Check the connections where that is due, and log once that the bus is gone, and once that it is back."""
+        """Check the connections if that is due; log each loss and each recovery of the bus once."""
         if now_s < self._due_s:
             return
         self._due_s = now_s + PERIOD_S
@@ -362,13 +362,13 @@ class BusWatch:
 # ---- a subscription with a thread of its own -------------------------------------------------------------------------
 
 
-IDLE_WAIT_S: Final = 0.1  # between two looks at what is due by the clock, also while messages flow
+IDLE_WAIT_S: Final = 0.1  # between two checks of what is due by the clock
 
 
 class BusThread:
-    """Subscriptions and the one thread that works on what they bring; use it with `with`.
+    """Subscriptions and the one thread that processes their messages; use it with `with`.
 
-    What was published before is asked for, too.
+    Messages that were published before are requested, too.
 
     Parameters
     ----------
@@ -377,7 +377,7 @@ class BusThread:
     name
         Of the thread.
     key_expressions
-        What to listen to.
+        What to subscribe to.
     """
 
     def __init__(self, session: zenoh.Session, name: str, *key_expressions: str) -> None:
@@ -387,26 +387,26 @@ class BusThread:
         self._subscribers = [_subscriber(session, one, self._inbox) for one in key_expressions]
 
     def __enter__(self) -> Self:
-        """Begin to work on what came since the subscription."""
+        """Start the thread, which begins with the messages since the subscription."""
         self._thread.start()
         return self
 
     def __exit__(self, *error: object) -> None:
-        """Work on nothing more, and wait for the thread."""
+        """Stop the thread, and wait for its end."""
         self._stop.set()
         self._inbox.close()
         for subscriber in self._subscribers:
-            with suppress(zenoh.ZError):  # the session may have been closed under us
+            with suppress(zenoh.ZError):  # the session may have been closed already
                 subscriber.undeclare()
         self._inbox.wake.set()
         self._thread.join()
 
     def receive(self, key: str, payload: bytes) -> None:
-        """Take a message, cut behind the largest size that one may have."""
+        """Process a message; the payload of an oversized one is cut one byte above the limit."""
         raise NotImplementedError
 
     def on_idle(self) -> None:
-        """Do what is due; called whenever the inbox is empty, again and again while nothing comes."""
+        """Do periodic work; called whenever the inbox is empty, and every `IDLE_WAIT_S` while it stays so."""
 
     def _run(self) -> None:
         while not self._stop.is_set():
@@ -417,16 +417,16 @@ class BusThread:
             self._inbox.wake.wait(IDLE_WAIT_S)
 
 
-# ---- telemetry as a satellite's computer publishes it: reliably, numbered, with a history ----------------------------
+# ---- publishing telemetry as a satellite's computer does: reliably, numbered, with a history -------------------------
 
 
 HISTORY_MESSAGES: Final = 8_192  # 3 days of one wheel at 8 Hz in messages of 256; some 120 MB if all are kept
 Content = TypeVar("Content")
-LINGER_S: Final = 1.0  # closing right after the last message may lose it: `put` hands it over before it is sent
+LINGER_S: Final = 1.0  # closing right after the last message may lose it: `put` returns before it is sent
 
 
 def messages_publisher(session: zenoh.Session, key: str, history: int = HISTORY_MESSAGES) -> Any:
-    """Declare a publisher of messages of samples, with a history for as long as the longest outage lasts."""
+    """Declare a publisher of messages of samples that keeps the last `history` of them for outages."""
     return reliable_publisher(session, key, SamplesMessage.encoding(), history)
 
 
@@ -445,7 +445,7 @@ class SamplesPublisher:
         self.batch += 1
 
     def close(self) -> None:
-        """Leave the bus; the history is gone then."""
+        """Leave the bus, and drop the history."""
         self._publisher.undeclare()
 
 
@@ -458,18 +458,18 @@ def send(
     linger_s: float = LINGER_S,
     stop: Event,
 ) -> int:
-    """Send samples of one or more wheels in the pace of their own time, and close the sinks.
+    """Send samples of one or more wheels paced by their own timestamps, then close the sinks.
 
     Parameters
     ----------
     telemetry
         Samples by bus key ("rwa/<spacecraft>/<wheel>/samples").
     sinks
-        Where those of each wheel go, such as its `SamplesPublisher`.
+        Where the samples of each wheel go, such as its `SamplesPublisher`.
     speed
         Times faster than real time; `math.inf` for as fast as the bus takes it.
     batch_samples
-        Samples of one message at most. A message goes out when its last sample is due.
+        Largest number of samples in a message. A message is sent when its last sample is due.
     linger_s
         How long to stay on the bus afterwards, so that late subscribers get the history [s].
     stop
@@ -512,7 +512,7 @@ def _batches(telemetry: Mapping[str, Samples], size: int) -> Iterator[tuple[int,
     for key, samples in telemetry.items():
         due_ns = int(samples.time_ns[0]) if len(samples) else 0
         for start in range(0, len(samples), size):
-            # Where a wheel's clock steps back, its messages still go out in their own order.
+            # Where a wheel's clock steps back, its messages are still sent in their own order.
             due_ns = max(due_ns, int(samples.time_ns[min(start + size, len(samples)) - 1]))
             cuts.append((due_ns, len(cuts), key, start))
     for due_ns, _, key, start in sorted(cuts):

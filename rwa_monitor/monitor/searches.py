@@ -1,8 +1,8 @@
-"""Full discrepancy searches beside the monitor: in another process, at low priority, never delaying a diagnosis.
+"""Full discrepancy searches of a running monitor, in a child process of low priority that delays no diagnosis.
 
-A wheel whose friction model does not fit for `PATIENCE` windows in a row is searched once: the samples of the last of
-these windows go to a child process, its answer is published on …/discrepancy, recorded, and written as a report beside
-the recordings. The wheel is searched again only after its model has fitted in between.
+A wheel whose friction model does not fit in `PATIENCE` windows in a row is searched once: the samples of the last of
+these windows go to a child process, its result is published on …/discrepancy, recorded, and written as a report to the
+folder of the recordings. The wheel is searched again only after its model has fitted in between.
 """
 
 from __future__ import annotations
@@ -31,8 +31,8 @@ if TYPE_CHECKING:
     from rwa_monitor.discrepancy.result import Search
 
 PATIENCE: Final = 2  # windows in a row whose model does not fit, before a search
-NICENESS: Final = 10  # of the child process: it takes what diagnosis leaves
-MAX_KEPT_BYTES: Final = 64_000_000  # of messages kept for searches that may come or that wait, all wheels together
+NICENESS: Final = 10  # of the child process: it uses the processor time that diagnosis leaves
+MAX_KEPT_BYTES: Final = 64_000_000  # of messages kept for possible and waiting searches, all wheels together
 
 
 class SearchJob(NamedTuple):
@@ -44,12 +44,12 @@ class SearchJob(NamedTuple):
 
     @property
     def name(self) -> str:
-        """Spacecraft and wheel, as the log has them."""
+        """Spacecraft and wheel, as in the log."""
         return "/".join(self.key)
 
 
 def search(job: SearchJob) -> tuple[Discrepancy, Search]:
-    """Run a search; the same job always gives the same message. Raises InputError if the samples cannot be searched."""
+    """Run a search; equal jobs give equal messages. Raises InputError if the samples cannot be searched."""
     from rwa_monitor.discrepancy.find import find_discrepancy  # noqa: PLC0415 - the monitor starts without the search
 
     samples = concatenate([SamplesMessage.parse(payload, job.name).samples() for payload in job.payloads])
@@ -76,7 +76,7 @@ def _search_and_report(job: SearchJob) -> tuple[Discrepancy, dict[str, str]]:
 
 @dataclass(slots=True)
 class _Watched:
-    """One wheel: inadequate windows in a row, whether it was searched since, and its messages of this window."""
+    """One wheel: inadequate windows in a row, whether it was searched for them, and its messages of this window."""
 
     inadequate: int = 0
     searched: bool = False
@@ -84,16 +84,16 @@ class _Watched:
 
 
 class Searches:
-    """Watches diagnoses for wheels whose model does not fit, and has them searched.
+    """Watches diagnoses for wheels whose model does not fit, and runs searches for them.
 
     Parameters
     ----------
     setup
         Has the constants of all wheels.
     folder
-        Where reports are written, `discrepancy/{spacecraft}/{wheel}/` below it; None for nowhere.
+        Reports are written to `discrepancy/{spacecraft}/{wheel}/` in this folder; None for no reports.
     log
-        Takes lines of the log.
+        Called with each line of the log.
     """
 
     def __init__(self, setup: Setup, folder: Path | None, log: Log) -> None:
@@ -107,7 +107,7 @@ class Searches:
         self._children: set[BaseProcess] = set()
 
     def take_input(self, key: WheelKey, payload: bytes) -> None:
-        """Keep a message of a wheel that may have to be searched."""
+        """Keep a message if its wheel may need a search: its last window was inadequate, and not searched yet."""
         watched = self._watched.get(key)
         if watched is None or not watched.inadequate or watched.searched:
             return
@@ -120,7 +120,7 @@ class Searches:
         self._kept_bytes += len(payload)
 
     def take_diagnosis(self, key: WheelKey, *, adequate: bool) -> None:
-        """Take note of a closed window."""
+        """Take a closed window into account; a search is requested when enough in a row are inadequate."""
         watched = self._watched.setdefault(key, _Watched())
         if adequate:
             self._forget(watched)
@@ -131,11 +131,11 @@ class Searches:
             job = SearchJob(key, self.setup.wheel(*key), tuple(watched.payloads))
             self._waiting.append(job)
             self.log(f"{job.name}: its friction model does not fit; searching for the cause")
-            watched.searched, watched.payloads = True, []  # they are kept until the search begins
+            watched.searched, watched.payloads = True, []  # the job keeps the messages until the search begins
         self._forget(watched)
 
     def poll(self) -> list[EncodedMessage]:
-        """Start the next search where none runs, and return what the last one found, ready to be published."""
+        """Start the next search if none runs, and return the message of one that has finished."""
         if self._running is None:
             if self._waiting:
                 self._start(self._waiting.popleft())
@@ -154,12 +154,12 @@ class Searches:
         return [message.encoded(*job.key, message.end_ns)]
 
     def close(self) -> None:
-        """Stop the search that runs; nothing of it is lost that a replay could not find again."""
+        """Kill the running search."""
         for child in self._children:
             child.kill()
 
     def _start(self, job: SearchJob) -> None:
-        # After a fork the child's Zenoh session would be dead. What a search took in memory goes with its process.
+        # Not a fork: in the child the Zenoh session would be dead. A new process for each search frees its memory.
         pool = ProcessPoolExecutor(1, get_context("spawn"), initializer=os.nice, initargs=(NICENESS,))
         self._kept_bytes -= sum(map(len, job.payloads))
         before = set(active_children())
@@ -171,7 +171,7 @@ class Searches:
         pool.shutdown(wait=False)
 
     def _write_report(self, folder: Path, report: dict[str, str]) -> None:
-        """Write the report's files; a disk that refuses costs the report, not the monitor."""
+        """Write the report's files; if that fails, the monitor continues without the report."""
         try:
             write_files(folder, {name: text.encode() for name, text in report.items()})
         except RwaMonitorError as error:
@@ -185,14 +185,14 @@ class Searches:
 
 
 def job_of(report: Discrepancy, inputs: Iterable[EncodedMessage], setup: Setup) -> SearchJob:
-    """Return the search that a recorded report came from, for a replay.
+    """Return the search that gave a recorded report, for a replay.
 
     Parameters
     ----------
     report
-        As it was recorded.
+        The recorded report.
     inputs
-        Messages of samples recorded, in order.
+        Recorded messages of samples, in order.
     setup
         Of the recording.
     """

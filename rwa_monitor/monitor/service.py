@@ -1,13 +1,13 @@
 """The live monitor: `run` subscribes to samples, diagnoses, publishes and records until it is stopped.
 
-One thread does everything in order, so that what is on the disk is always a beginning of what happened: take a message
-from the inbox, record it, feed the wheel's core, record what the core reports, bring a diagnosis to the disk, publish.
-Other threads only fill the inbox (`bus.Inbox`): when it is full, reliable publishers are slowed down to our pace, and
-what may be dropped in the end is counted and shown in `status`.
+One thread does everything in order, so that the recording is always a prefix of what happened: take a message from the
+inbox, record it, feed the wheel's core, record the core's outputs, flush a diagnosis to the disk, publish. Other
+threads only fill the inbox (`bus.Inbox`): when it is full, reliable publishers are slowed down to the monitor's pace,
+and messages that are dropped nevertheless are counted in `status`.
 
-After a crash the state is recovered from the last recording, and what came in between is taken from the publishers'
-history (`backfill`). A diagnosis that had not reached the disk is made again, byte for byte, and stands in the new
-recording; those of the last recordings are published again in any case.
+After a crash the state is recovered from the last recording, and later messages are taken from the publishers' history
+(`backfill`). A diagnosis that had not reached the disk is reproduced, byte for byte, and written to the new recording;
+those of the last recordings are published again in any case.
 """
 
 from __future__ import annotations
@@ -40,10 +40,10 @@ from rwa_monitor.samples import NANOSECONDS_PER_SECOND, Timeliness
 from rwa_monitor.telemetry.files import refusing
 from rwa_monitor.words import SOFTWARE, Log, counted, time_text
 
-BUSY_MESSAGES: Final = 100  # waiting: a tenth of a second's of a thousand wheels
+BUSY_MESSAGES: Final = 100  # waiting ones, from which the monitor is busy: 0.1 s of the messages of a thousand wheels
 SAMPLE_COUNTS: Final = ("received", "used", "masked", "late", "duplicate", "rejected", "queued")
-# Samples as old as this when they come are no longer live: a message spans half a minute (256 samples at 8 Hz), a
-# link and its ground segment add seconds to minutes, and a pass after which a satellite dumps what it stored lasts ten.
+# Samples older than this on arrival are not live: a message spans half a minute (256 samples at 8 Hz), a link and its
+# ground segment add seconds to minutes, and a pass after which a satellite dumps stored samples lasts ten minutes.
 STORED_AFTER_S: Final = 600.0
 
 
@@ -54,13 +54,13 @@ class RunOptions:
     Attributes
     ----------
     wheels
-        Key expression of the samples to listen to.
+        Key expression of the samples to subscribe to.
     setup
         What diagnoses depend on: constants of the wheels, and the model.
     record
         Folder of the recordings, or None to record nothing.
     max_file_bytes
-        Of one recording; then the next one is begun.
+        Size of a recording after which the next one is begun.
     max_record_bytes
         Of all recordings in the folder; the oldest are deleted to keep it. None keeps all.
     bus
@@ -70,10 +70,10 @@ class RunOptions:
     status_period_s
         Wall-clock time from one status message to the next [s].
     stored_after_s
-        Age by this machine's clock from which samples of a wheel whose clock agrees with it are stored ones [s], where
-        their publisher does not state it; 0 for none. It is for health and status: no diagnosis depends on it.
+        Age by this machine's clock above which samples count as stored [s], if their publisher does not state it and
+        the wheel's clock agrees with this machine's; 0 for none. Only health and status depend on it, no diagnosis.
     log_verdicts
-        Whether each change of a verdict is logged, too; not where another view shows the diagnoses.
+        Whether each change of a verdict is logged; False where another view shows the diagnoses.
     """
 
     wheels: str = "rwa/*/*/samples"
@@ -95,7 +95,7 @@ class RunOptions:
 
 @dataclass(slots=True)
 class _Served:
-    """What the monitor keeps of one wheel besides its core; `core` is None while no message could be read."""
+    """The monitor's state of one wheel; `core` is None until a message could be read."""
 
     key: WheelKey
     core: WheelCore | None = None
@@ -103,20 +103,20 @@ class _Served:
     last_error: str | None = None
     last_sample_ns: int | None = None
     publisher: str = ""
-    source: str = ""  # of a replay: who publishes it in Zenoh
-    data: Timeliness = "live"  # what the latest samples were
-    on_wall_clock: bool = False  # whether some samples were of now by this machine's clock
+    source: str = ""  # of a replay: its publisher in Zenoh
+    data: Timeliness = "live"  # timeliness of the latest samples
+    on_wall_clock: bool = False  # whether some samples were recent by this machine's clock
     health_ns: int = -messages.MAX_CLOCK_NS  # end of the window that the latest health is of
-    verdicts: dict[Timeliness, tuple[str, ...]] = field(default_factory=dict)  # and what is anomalous, as last logged
+    verdicts: dict[Timeliness, tuple[str, ...]] = field(default_factory=dict)  # the last verdict and active anomalies
     windows: int = 0
     diagnosis_s: float | None = None
-    reported: set[str] = field(default_factory=set)  # kinds of trouble, of this window
+    reported: set[str] = field(default_factory=set)  # kinds of trouble logged since the last closed window
     status_due_s: float = 0.0
     status_recorded_s: float = float("-inf")
 
     @property
     def name(self) -> str:
-        """Spacecraft and wheel, as the log has them."""
+        """Spacecraft and wheel, as in the log."""
         return "/".join(self.key)
 
     def checkpoint(self) -> bytes:
@@ -126,7 +126,7 @@ class _Served:
 
 
 class Clock(NamedTuple):
-    """The clocks of the machine: wall time [ns], and one that only goes forward [s]."""
+    """The clocks of the machine: wall time [ns], and monotonic time [s]."""
 
     wall_ns: Callable[[], int] = time.time_ns
     monotonic_s: Callable[[], float] = time.monotonic
@@ -140,13 +140,13 @@ class Monitor:
     options
         Settings.
     bus
-        Where samples come from and messages go.
+        Source of samples and sink of messages.
     recorder
         None to record nothing.
     log
-        Takes lines of the log.
+        Called with each line of the log.
     clock
-        For flushing, status and how long things take; never for a diagnosis.
+        For flushing, status and measuring durations; never for a diagnosis.
     """
 
     def __init__(
@@ -170,10 +170,10 @@ class Monitor:
         self._logged: str = ""
 
     def begin(self, recovered: RecoveredState) -> None:
-        """Take over what an earlier run left behind, and begin the recording."""
+        """Continue from the state of an earlier run, and begin the recording."""
         for key, core in recovered.cores.items():
             self._served[key] = served = _Served(key, core)
-            with suppress(KeyError, InputError):  # there is none, or it is of another release
+            with suppress(KeyError, InputError):  # there is no status, or it is of another release
                 status = recovered.statuses[messages.key_of(Status, *key)]
                 served.on_wall_clock = Status.parse(status.payload, status.topic).on_wall_clock
         if self.recorder is not None:
@@ -181,7 +181,7 @@ class Monitor:
             self._log_recorder()
         health: dict[WheelKey, Health] = {}
         for output in (*recovered.diagnoses, *recovered.unrecorded):
-            if output.schema != Health.schema_name():  # that is published once, below
+            if output.schema != Health.schema_name():  # health is published once, below
                 self._publish(output)
             if output.schema not in REPEATED_SCHEMAS:
                 continue
@@ -196,7 +196,7 @@ class Monitor:
                 self._served[key].health_ns = found.window_end_ns
 
     def step(self) -> None:
-        """Process one message, or wait a little for one; do what is due."""
+        """Process one message, or wait up to `IDLE_WAIT_S` for one; do what is due."""
         self.bus.inbox.wake.clear()
         message = self.bus.take()
         if message is None:
@@ -220,7 +220,7 @@ class Monitor:
         for served in self._served.values():
             if now_s >= served.status_due_s:
                 served.status_due_s = now_s + self.options.status_period_s
-                # Every one is published; one in this time is recorded.
+                # Every status is published; one per `LOG_PERIOD_S` is recorded.
                 record = now_s - served.status_recorded_s >= messages.LOG_PERIOD_S
                 if record:
                     served.status_recorded_s = now_s
@@ -246,21 +246,21 @@ class Monitor:
     ) -> bool:
         """Process one message from beginning to end: record, diagnose, record, publish.
 
-        A replay is not recorded, as it is a recording already, and each one begins with nothing known of the wheel.
+        A replay is not recorded, as it is from a recording, and each replay starts with a new core.
 
         Parameters
         ----------
         key, payload
             The message.
         ask_again
-            Called for one that is no JSON, as if it was damaged on its way: requests it again, False if that is no use.
+            Called for a message that is no JSON, perhaps damaged in transit: requests it again; False if it cannot.
         source
-            Who published it in Zenoh, "" where that is not known.
+            Its publisher in Zenoh, "" where that is not known.
 
         Returns
         -------
         bool
-            Whether the message is dealt with; False where it will come again.
+            Whether the message was processed or refused; False where it was requested again.
         """
         try:
             if not self._is_ours(*messages.split_key(key)[:2]):
@@ -297,23 +297,23 @@ class Monitor:
         return True
 
     def _data_of(self, served: _Served, message: SamplesMessage) -> Timeliness:
-        """Return what samples are: as their publisher states it, or else by this machine's clock."""
+        """Return the timeliness of samples: as their publisher states it, or else by this machine's clock."""
         if served.key[1].endswith(REPLAY):
             return "replay"
         if message.data is not None:
             return message.data
         age_s = (self.clock.wall_ns() - message.time_ns[-1]) / NANOSECONDS_PER_SECOND
         limit_s = self.options.stored_after_s
-        served.on_wall_clock |= abs(age_s) <= limit_s  # clocks that count from another day show no age
+        served.on_wall_clock |= abs(age_s) <= limit_s  # a clock with another epoch gives no age
         return "stored" if served.on_wall_clock and 0 < limit_s < age_s else "live"
 
     def _handle(self, served: _Served, events: list[Event]) -> None:
-        """Record what the core reports, bring a diagnosis to the disk, then publish."""
+        """Record the core's outputs, flush a diagnosis to the disk, then publish."""
         for event in events:
             if not isinstance(event, Trouble):
                 continue
             served.last_error = event.text
-            if event.kind not in served.reported:  # a broken sensor may give thousands in a window
+            if event.kind not in served.reported:  # a broken sensor may cause thousands in a window
                 served.reported.add(event.kind)
                 self.log(f"{served.name}: {event.text}")
         outputs = outputs_of(events, *served.key, None if served.data == "live" else served.data)
@@ -323,7 +323,7 @@ class Monitor:
         if closed and self.recorder is not None:
             self.recorder.sync(self.clock.monotonic_s())
         dumped = {event.diagnosis.window_end_ns for event in closed if event.diagnosis.data}
-        # The health comes first: it shows of what data the window is to whoever then takes the diagnosis in.
+        # The health is published first: it tells receivers of the diagnosis what data the window is of.
         for output in sorted(outputs, key=lambda output: output.schema != Health.schema_name()):
             if output.schema == Health.schema_name():
                 if output.time_ns in dumped and output.time_ns < served.health_ns:
@@ -341,7 +341,7 @@ class Monitor:
                 self.searches.take_diagnosis(served.key, adequate=window.model_adequate)
 
     def _log_verdict(self, served: _Served, event: WindowDiagnosed) -> None:
-        """Log what a window amounts to where the verdict changes; a line for each window of a fleet would hide it."""
+        """Log a window's verdict if it has changed: among lines for all windows of a fleet it would be overlooked."""
         diagnosis = event.diagnosis
         verdict = (diagnosis.verdict, *(name for name, anomaly in diagnosis.anomalies.items() if anomaly.active))
         data = diagnosis.data or served.data
@@ -352,7 +352,7 @@ class Monitor:
         served.verdicts[data] = verdict
 
     def _refuse(self, key: str, payload: bytes, error: InputError) -> None:
-        """Count and record a message that cannot be used; it changes nothing else."""
+        """Count, record and log a message that cannot be used; it changes nothing else."""
         if self.recorder is not None:
             self.recorder.refused(key, payload)
         try:
@@ -368,7 +368,7 @@ class Monitor:
 
     def _is_ours(self, spacecraft: str, wheel: str) -> bool:
         share, of = self.options.shard
-        # The same in every process and release; a checksum would do but for names that differ by a digit.
+        # The same in every process and release; a checksum would spread names that differ by a digit unevenly.
         digest = blake2b(f"{spacecraft}/{wheel}".encode(), digest_size=8).digest()
         return int.from_bytes(digest, "big") % of == share - 1
 
@@ -395,7 +395,7 @@ class Monitor:
             self._log_once(f"cannot publish: {error}")
 
     def _status(self, served: _Served, *, record: bool) -> None:
-        """Publish how a wheel's monitor is doing."""
+        """Publish the status of a wheel's monitor."""
         spacecraft, wheel = served.key
         core = served.core
         recording = self.recorder.path if self.recorder else None
@@ -405,7 +405,7 @@ class Monitor:
         elif self.bus.inbox.dropped and last_error is None:
             last_error = f"dropped {counted(self.bus.inbox.dropped, 'message')}: they come faster than can be diagnosed"
         counts = core.counts if core else Counts()
-        # Publishers that number their messages show a gap in any case; of others only the bus counts what it lost.
+        # The core counts gaps of publishers that number their messages; those of others only the bus counts.
         missed_by_bus = self.bus.backfill.missed.get(messages.key_of(SamplesMessage, spacecraft, wheel), 0)
         if missed_by_bus and last_error is None:
             last_error = f"the bus lost {counted(missed_by_bus, 'message')}, which their publisher no longer has"
@@ -436,7 +436,7 @@ class Monitor:
         self._publish(status)
 
     def _checkpoints(self) -> Checkpoints:
-        """Return what makes the checkpoint of each wheel that is recorded, as it then stands."""
+        """Return functions that make the checkpoint of each recorded wheel when called."""
         recorded = [one for one in self._served.values() if one.core is not None and not one.key[1].endswith(REPLAY)]
         return {served.name: served.checkpoint for served in recorded}
 
@@ -445,18 +445,18 @@ class Monitor:
             self._log_once(self.recorder.error)
 
     def _log_once(self, text: str) -> None:
-        """Log something, but not the same thing twice in a row."""
+        """Log a text unless it was the last one logged here."""
         if text != self._logged:
             self.log(text)
         self._logged = text
 
 
-# ---- from the start to the stop --------------------------------------------------------------------------------------
+# ---- start and stop --------------------------------------------------------------------------------------------------
 
 
 def _health_of(recorded: EncodedMessage) -> Health:
-    """Return the health that is recorded, or that follows from a diagnosis; raises InputError of another release."""
-    if recorded.schema == Health.schema_name():  # only it shows that the samples were old by the clock
+    """Return the recorded health, or that of a recorded diagnosis; InputError if it is of another release."""
+    if recorded.schema == Health.schema_name():  # only health states that samples were old by the clock
         return Health.parse(recorded.payload, recorded.topic)
     return messages.health_message(Diagnosis.parse(recorded.payload, recorded.topic))
 
@@ -480,14 +480,14 @@ def run(
     session
         An open Zenoh session to use (the demo's embedded one); it is left open. None: opens and closes its own.
     log
-        Takes one line of the log (stderr on the command line).
+        Called with each line of the log (stderr on the command line).
     supervisor
-        Gets notice when the monitor is ready, alive and stopping; None: there is none.
+        Notified when the monitor is ready, alive and stopping; None: there is none.
 
     Raises
     ------
     InputError
-        If an option, the wheel, the model or the recording in the folder cannot be used.
+        If an option, a wheel or the model cannot be used, or the folder of the recordings.
     RwaMonitorError
         If the bus cannot be reached.
     """
@@ -521,7 +521,7 @@ def run(
         monitor = Monitor(options, bus, recorder, log, clock)
         stack.callback(monitor.close)
         monitor.begin(recovered)
-        del recovered  # what was published again needs no place for as long as the monitor runs
+        del recovered  # frees the memory of the messages that were published again
         bus.subscribe(options.wheels)
         bus.offer_health()
         log(doing := f"monitoring {options.wheels}" + (f", recording in {options.record}" if options.record else ""))
@@ -535,10 +535,10 @@ def run(
 
 
 def _unbreakable(log: Log) -> Log:
-    """Return a log that does not end the monitor when its reader has gone, or its disk is full."""
+    """Return a log that does not end the monitor when its pipe is closed or its disk is full."""
 
     def logged(line: str) -> None:
-        with suppress(OSError):  # what matters stands in `status` too
+        with suppress(OSError):  # important lines are in `status`, too
             log(line)
 
     return logged
@@ -548,26 +548,26 @@ def _unbreakable(log: Log) -> Log:
 
 
 class Supervisor:
-    """The supervisor of this process, in the protocol of systemd (sd_notify(3)); does nothing where there is none.
+    """The supervisor of this process, by the protocol of systemd (sd_notify(3)); does nothing where there is none.
 
-    A supervisor names a datagram socket in NOTIFY_SOCKET and the longest silence in WATCHDOG_USEC. The sign of life is
+    A supervisor names a datagram socket in NOTIFY_SOCKET and the watchdog timeout in WATCHDOG_USEC. The keep-alive is
     sent by the thread that diagnoses, between two messages: it stops when that thread stalls, even if the rest of the
-    process goes on, and the supervisor then restarts the service, which goes on from its recording.
+    process continues, and the supervisor then restarts the service, which continues from its recording.
 
-    A container's supervisor reads no socket but runs a command inside, the health check: for it the time of a file
-    shows when the last sign of life was.
+    A container's supervisor has no such socket but runs a command inside, the health check, which reads the time of
+    the last keep-alive from the modification time of a file.
 
     Parameters
     ----------
     environment
-        Where NOTIFY_SOCKET, WATCHDOG_USEC and WATCHDOG_PID may stand; empty for no supervisor.
+        May have NOTIFY_SOCKET, WATCHDOG_USEC and WATCHDOG_PID; empty for no supervisor.
     alive
-        A file that each sign of life touches, for a health check; None: none is.
+        A file that each keep-alive touches, for a health check; None for no file.
 
     Attributes
     ----------
     period_s
-        Between two signs of life; None where none are expected.
+        Between two keep-alives; None where none are expected.
     """
 
     def __init__(self, environment: Mapping[str, str], alive: Path | None = None) -> None:
@@ -585,23 +585,23 @@ class Supervisor:
         self._due_s = float("-inf")
 
     def ready(self, status: str) -> None:
-        """Report that the service has begun, and what it does; raises InputError if the file cannot be made."""
+        """Report that the service is ready, and what it does; raises InputError if the file cannot be made."""
         if self._alive is not None:
             with refusing(self._alive, "cannot be touched"):
                 self._alive.touch()
         self._send(f"READY=1\nSTATUS={status}")
 
     def alive(self, now_s: float) -> None:
-        """Give a sign of life where one is due; call it often, from the thread that must not stall."""
+        """Send a keep-alive if one is due; call it often, from the thread that must not stall."""
         if self.period_s is not None and now_s >= self._due_s:
             self._due_s = now_s + self.period_s
             self._send("WATCHDOG=1")
             if self._alive is not None:
-                with suppress(OSError):  # a file that grows old is what the health check looks for
+                with suppress(OSError):  # then the file grows old, and the health check fails
                     self._alive.touch()
 
     def stopping(self) -> None:
-        """Report that the service ends, on purpose."""
+        """Report that the service stops on purpose."""
         self._send("STOPPING=1")
 
     def _send(self, text: str) -> None:
@@ -609,6 +609,6 @@ class Supervisor:
             return
         with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM | socket.SOCK_CLOEXEC) as end:
             end.setblocking(False)
-            # A supervisor that does not listen must not stop the monitor; what it misses it acts upon itself.
+            # A supervisor that does not listen must not stop the monitor; its own watchdog handles what it misses.
             with suppress(OSError):
                 end.sendto(text.encode(), self._address)
