@@ -1,23 +1,23 @@
 """Writes recordings: MCAP files from which every decision of the monitor can be replayed.
 
-A recording carries the wheel, the model, all settings, the name and hash of its predecessor, and a checkpoint of every
-wheel at its beginning, as attachments. Its messages are, in this order: inputs as they came, before they are processed
-(those that were refused on the topic {key}/refused), then the outputs for them.
+A recording has as attachments the wheel files, the model, all settings, the name and hash of its predecessor, and a
+checkpoint of every wheel at its beginning. Its messages are, in this order: inputs as they arrived, before they are
+processed (refused ones on the topic {key}/refused), then the outputs for them.
 
 Log times are the wheels' own clock, so that two runs on the same inputs write the same messages: the time of the latest
-sample of the message, or that of the message before where this would go back (several wheels, a clock that stepped).
-The publish time is the wall clock of the machine that records. Chunks are small, and what is in them is brought to the
-disk at least every second and at each closed window.
+sample of the message, or that of the message before if this is later (several wheels, a clock that stepped). The
+publish time is the wall clock of the recording machine. Chunks are small, and are flushed to the disk at least every
+second and at each closed window.
 
-When a recording is full the next one is begun, and the state of one wheel after the other is brought over while all go
-on: until a wheel's checkpoint stands in the new file, its messages go on into the one before. So the new file holds,
-of each wheel, a checkpoint before its first message, and is replayed by itself; only while it has the checkpoints of
-some wheels ("checkpoints" in settings.json), a monitor that is started needs the one before, too.
-Before a checkpoint is written, all that its state was made of is brought to the disk. When all wheels are there the
-file before is ended, and its hash is attached to the new one with the settings once more.
+When a recording is full the next one is begun, and the wheels are moved to it one after the other while all of them
+continue: until a wheel's checkpoint is in the new file, its messages are written to the previous one. So the new file
+holds, of each wheel, a checkpoint before its first message, and can be replayed by itself; only while it has the
+checkpoints of some wheels ("checkpoints" in settings.json), a monitor that is started needs the previous one, too.
+Before a checkpoint is written, all messages that its state depends on are flushed to the disk. When all wheels have
+been moved the previous file is closed, and the settings, with its hash, are attached to the new one once more.
 
-A disk that fails degrades the recording, never the diagnosis: the error is kept for `status`, and a new file is begun
-when the disk works again. It starts with checkpoints, so what is missing between the files is known.
+A disk failure degrades the recording, never the diagnosis: the error is kept for `status`, and a new file is begun
+when the disk works again. It starts with checkpoints, so the gap between the files is known.
 """
 
 from __future__ import annotations
@@ -62,15 +62,15 @@ if TYPE_CHECKING:
 RECORDING_VERSION: Final = 1
 MAX_FILE_BYTES: Final = 32 * 2**20  # then the next file is begun; state recovery from one takes some seconds
 MAX_FILE_AGE_S: Final = SECONDS_PER_DAY
-MIN_FREE_BYTES: Final = 64 * 2**20  # left on the disk for others
-BUSY_MOVE_S: Final = 0.5  # between two such times while inputs wait
+MIN_FREE_BYTES: Final = 64 * 2**20  # disk space left for other programs
+BUSY_MOVE_S: Final = 0.5  # between two moves of wheels to the next file while inputs wait
 REFUSED: Final = "refused"
 REFUSED_SCHEMA: Final = "rwa.Refused"
 LOCK_NAME: Final = ".rwa-monitor.lock"
 _NAME: Final = re.compile(rf"rwa-(\d+){re.escape(RECORDING_SUFFIX)}")
 
-# Of each wheel, "<spacecraft>/<wheel>" and what makes its checkpoint. They are made one by one when they are written:
-# those of fifty wheels have 85 MB when their windows are nearly full.
+# By "<spacecraft>/<wheel>", a function that makes the wheel's checkpoint. Checkpoints are made one by one when they are
+# written: those of fifty wheels have 85 MB when their windows are nearly full.
 Checkpoints = Mapping[str, Callable[[], bytes]]
 
 
@@ -83,12 +83,12 @@ class Predecessor(NamedTuple):
 
 @dataclass(eq=False)
 class Recorder:
-    """Keeps the recordings of a folder: rotates them, guards the disk, never raises once it has begun.
+    """Writes the recordings of a folder: rotates them, limits their size, and never raises once it has begun.
 
     Parameters
     ----------
     folder
-        Made if it does not exist.
+        An existing folder, see `locked`.
     attachments
         Of every file, by name.
     settings
@@ -98,7 +98,7 @@ class Recorder:
     wall_ns
         The wall clock [ns].
     max_file_bytes
-        Then the next file is begun.
+        Size after which the next file is begun.
     max_total_bytes
         Of all recordings in the folder; the oldest are deleted to keep it. None keeps all.
 
@@ -106,11 +106,6 @@ class Recorder:
     ----------
     error
         Why nothing is being recorded, "" when all is well.
-
-    Raises
-    ------
-    InputError
-        If the folder cannot be made, or another monitor records in it.
     """
 
     folder: Path
@@ -123,7 +118,7 @@ class Recorder:
     max_total_bytes: int | None = None
     error: str = field(default="", init=False)
     _writer: RecordingWriter | None = field(default=None, init=False)
-    # The file before, for as long as wheels are left in it; these wheels, and what makes their checkpoints.
+    # The previous file, for as long as wheels are left in it; these wheels, and functions that make their checkpoints.
     _ending: RecordingWriter | None = field(default=None, init=False)
     _left: dict[str, Callable[[], bytes]] = field(default_factory=dict, init=False)
     _moved_s: float = field(default=0.0, init=False)
@@ -132,7 +127,7 @@ class Recorder:
     _retry_s: float = field(default=float("-inf"), init=False)
     _retry_period_s: float = field(default=messages.PERIOD_S, init=False)
     _refused_topics: set[str] = field(default_factory=set, init=False)
-    # In every file.
+    # Size of the schemas, which are in every file.
     _schemas_bytes: int = field(default_factory=lambda: len(dump_json(message_schemas())), init=False)
 
     @property
@@ -148,9 +143,9 @@ class Recorder:
         checkpoints
             Of all wheels.
         now_s
-            A clock that only goes forward [s].
+            A monotonic clock [s].
         inherited
-            Outputs for inputs of its predecessor, which did not get to the disk there.
+            Outputs for inputs of the predecessor that it does not hold.
         """
         with self._guarded(now_s):
             for part in self.folder.glob(f"*{RECORDING_SUFFIX}{PART_SUFFIX}"):
@@ -196,14 +191,14 @@ class Recorder:
 
     def refused(self, key: str, payload: bytes) -> None:
         """Record a message that was refused, as it came (the first 8 MiB of it)."""
-        # What comes on more keys than a process has wheels goes on one topic.
+        # Messages on more keys than a process may have wheels are recorded on one topic.
         if key not in self._refused_topics and len(self._refused_topics) >= messages.MAX_WHEELS:
             key = "rwa"
         self._refused_topics.add(key)
         self.write(EncodedMessage(f"{key}/{REFUSED}", REFUSED_SCHEMA, payload[: messages.MAX_MESSAGE_BYTES]))
 
     def sync(self, now_s: float) -> None:
-        """Bring everything to the disk now."""
+        """Flush everything to the disk now."""
         if self._writer is None:
             return
         with self._guarded(now_s):
@@ -219,17 +214,17 @@ class Recorder:
         Parameters
         ----------
         now_s
-            A clock that only goes forward [s].
+            A monotonic clock [s].
         checkpoints
-            Returns what makes those of all wheels.
+            Returns the functions that make the checkpoints of all wheels.
         busy
-            Inputs wait: what may wait longer is done every `BUSY_MOVE_S` only.
+            Whether inputs wait: wheels are then moved to the next file every `BUSY_MOVE_S` only.
         """
         if self._writer is None:
             if now_s >= self._retry_s:
                 self.begin(checkpoints(), now_s)
             return
-        # Checkpoints of many wheels may be larger than a file should be; then they are at most half of it.
+        # Checkpoints of many wheels may exceed the file size; the limit is then twice what the file begins with.
         written, begin = self._writer.size, self._writer.size_at_begin
         full = written > max(self.max_file_bytes, 2 * begin) or now_s - self._begun_s > MAX_FILE_AGE_S
         if now_s - self._synced_s >= messages.PERIOD_S:
@@ -243,14 +238,14 @@ class Recorder:
     # ---- from one file to the next -------------------------------------------------------------------------------
 
     def _rotate(self, checkpoints: Checkpoints, now_s: float) -> None:
-        """Begin the next file, into which the wheels are brought one after the other."""
+        """Begin the next file, to which the wheels are moved one after the other."""
         ending = self._writer
         assert ending is not None
         try:
             self._ensure_room(ending.size_at_begin)
             self._writer = self._new_file(Predecessor(ending.path.name, None), "some", {})
         except OSError as error:
-            self.close(now_s)  # it is whole, whatever becomes of the next one
+            self.close(now_s)  # the previous file is complete in any case
             self._fail(error, now_s)
             return
         self._ending, self._left = ending, dict(reversed(list(checkpoints.items())))
@@ -258,15 +253,15 @@ class Recorder:
         self._move(now_s)
 
     def _move(self, now_s: float) -> None:
-        """Bring some more wheels into the new file, and end the one before when none is left there."""
+        """Move some more wheels to the new file, and close the previous one when none is left there."""
         assert self._ending is not None
         assert self._writer is not None
         self._moved_s = now_s
         with self._guarded(now_s):
-            # A state must not come to the disk before all that it was made of, nor its outputs be lost.
+            # A state must not reach the disk before its inputs and outputs.
             self._ending.sync()
             moved = 0
-            # Or one checkpoint: a full window of 80,000 slots has 1.7 MB, and takes 6 ms.
+            # At least one checkpoint: that of a full window of 80,000 slots has 1.7 MB, and takes 6 ms.
             while self._left and moved < min(PIECE_BYTES, self.max_file_bytes):
                 name, make = self._left.popitem()
                 data = make()
@@ -280,7 +275,7 @@ class Recorder:
                 self._writer.size_at_begin = self._writer.size
 
     def _end(self, which: Held) -> None:
-        """Close the file before, if wheels are left in it or not, and write into the new one what it was."""
+        """Close the previous file, if it is still open, and attach its name and hash to the new one."""
         if self._ending is not None and self._writer is not None:
             self._ending.close()
             ended = Predecessor(self._ending.path.name, self._ending.sha256)
@@ -288,7 +283,7 @@ class Recorder:
             self._ending = None
 
     def close(self, now_s: float) -> None:
-        """Write the end of the file; where wheels are left in the one before, the two go together."""
+        """Close the file, and the previous one if wheels are left in it: then both are needed to continue."""
         if self._writer is None:
             return
         writer = self._writer
@@ -300,7 +295,7 @@ class Recorder:
             self.predecessor = Predecessor(writer.path.name, writer.sha256)
 
     def abandon(self) -> None:
-        """Close the file as it is, without its end, as a crash would leave it."""
+        """Close the files as they are, without their end, as a crash would leave them."""
         if self._ending is not None:
             self._ending.abandon()
         if self._writer is not None:
@@ -322,14 +317,22 @@ class Recorder:
 
     @contextmanager
     def _guarded(self, now_s: float) -> Iterator[None]:
-        """Give up the file where the disk fails in the block, and note why."""
+        """Abandon the file if the disk fails in the block, and keep the error."""
         try:
             yield
         except OSError as error:
             self._fail(error, now_s)
 
     def _ensure_room(self, begin: int, more: int = 0, written: int = 0) -> None:
-        """Make room for a file that begins with some bytes, of which some are written already; raises OSError."""
+        """Delete old recordings, and check the free disk space, before a file is written; raises OSError.
+
+        Parameters
+        ----------
+        begin, written
+            Size of what the file begins with, and how much of the file is written already [bytes].
+        more
+            Size of the next attachment [bytes].
+        """
         needed = max(self.max_file_bytes, 2 * (begin + self._schemas_bytes)) + HashedFile.GATHERED_BYTES
         self._make_room(needed - written)
         self._check_free(more)
@@ -340,12 +343,13 @@ class Recorder:
             raise OSError(f"only {free} bytes are free, {MIN_FREE_BYTES + needed} are kept for others")
 
     def _make_room(self, needed: int) -> None:
-        """Delete the oldest recordings where those to come would make the folder larger than it may be."""
+        """Delete the oldest recordings until the folder has room for `needed` more bytes."""
         if self.max_total_bytes is None:
             return
         recordings = sorted(self.folder.glob(f"rwa-*{RECORDING_SUFFIX}"))
         sizes = [path.stat().st_size for path in recordings]
-        # What comes goes on from the last one; where that holds some wheels only, or no file is whole yet, from two.
+        # The new file continues the last one, or the last two: where the last holds some wheels only, or before the
+        # first file of this run is complete.
         kept = 1 if self._writer is not None and self._ending is None else 2
         total = sum(sizes)
         for path, size in zip(recordings[:-kept], sizes, strict=False):
@@ -393,16 +397,16 @@ def locked(folder: Path) -> Iterator[None]:
         yield
 
 
-# ---- one file, whose attachments stand among its messages in the order in which they came ----------------------------
+# ---- one file, whose attachments are among its messages in the order in which they were written ----------------------
 
 
 PROFILE: Final = "rwa-monitor"
 CHUNK_BYTES: Final = 64 * 2**10
-PART_SUFFIX: Final = ".part"  # of a recording whose beginning is not on the disk yet
+PART_SUFFIX: Final = ".part"  # of a recording whose attachments are not all on the disk yet
 
 
 class HashedFile(BufferedWriter):
-    """A new file that gathers what is written, and passes it on whole when flushed; its hash is known when it ends."""
+    """A new, buffered file that hashes what is written to it; the hash is final when the file is closed."""
 
     GATHERED_BYTES: Final = 2**20
 
@@ -415,13 +419,13 @@ class HashedFile(BufferedWriter):
         return super().write(data)
 
     def sync(self) -> None:
-        """Bring everything to the disk."""
+        """Flush everything to the disk."""
         self.flush()
         os.fdatasync(self.fileno())
 
 
 class TopicWriter:
-    """An MCAP file in which each message brings its schema and its topic along when they are new.
+    """An MCAP file to which schemas and channels are added when the first message needs them.
 
     Parameters
     ----------
@@ -432,7 +436,7 @@ class TopicWriter:
     profile
         Of the file.
     chunk_bytes
-        Size at which a chunk is ended.
+        Size at which a chunk is closed.
     """
 
     def __init__(
@@ -460,7 +464,7 @@ class TopicWriter:
         self.mcap.add_message(channel, message.time_ns, message.payload, message.publish_ns)
 
     def attach(self, name: str, data: bytes) -> None:
-        """Add an attachment; of several with one name the last one counts."""
+        """Add an attachment; readers take the last one of several with the same name."""
         media_type = "application/toml" if name.endswith(".toml") else "application/json"
         self.mcap.add_attachment(0, self._time_ns, name, media_type, data)
 
@@ -480,13 +484,13 @@ class RecordingWriter(TopicWriter):
     Parameters
     ----------
     path
-        A new file. It has this name once what it begins with is on the disk: a recording of that name is always usable.
+        A new file. It gets this name when its beginning is on the disk: a recording of that name is always usable.
     attachments
-        Names and content, written at the beginning, each before the next is asked for.
+        Names and content, written at the beginning, each before the next one is made.
     wall_ns
         The wall clock [ns], for publish times.
     inherited
-        Messages that the file begins with.
+        Messages that follow the attachments.
 
     Raises
     ------
@@ -527,13 +531,13 @@ class RecordingWriter(TopicWriter):
 
     @property
     def sha256(self) -> str:
-        """Hash of what is in the file; final once it is closed."""
+        """Hash of the file's content; final when the file is closed."""
         return self._file.digest.hexdigest()
 
     def channel(self, topic: str, schema: str) -> int:
-        """Return the number of a topic's channel, and describe a new one apart from the chunks, too.
+        """Return the number of a topic's channel; a new one is also described in an attachment.
 
-        The messages of chunks that are whole must not need one that is damaged.
+        So the messages of an intact chunk can be read although the chunk with the channel's record is damaged.
         """
         is_new = (topic, schema) not in self._channels
         number = super().channel(topic, schema)
@@ -542,13 +546,13 @@ class RecordingWriter(TopicWriter):
         return number
 
     def write(self, message: EncodedMessage) -> None:
-        """Add a message, with the time of the one before where its own is earlier, or it has none."""
+        """Add a message, with the time of the one before if its own is earlier or missing."""
         time_ns = max(self._time_ns, message.time_ns)
         super().write(message._replace(time_ns=time_ns, publish_ns=self.wall_ns()))
         self._time_ns = time_ns
 
     def sync(self) -> None:
-        """Bring everything to the disk."""
+        """Flush everything to the disk."""
         self.mcap.flush()  # type: ignore[no-untyped-call]
         self._file.sync()
 
@@ -567,7 +571,7 @@ class RecordingWriter(TopicWriter):
 
 
 def _sync_folder(folder: Path) -> None:
-    """Bring the names in a folder to the disk: a file whose name is lost when the power goes is lost itself."""
+    """Flush a folder's directory entries to the disk: after a power failure a file without its entry is lost."""
     descriptor = os.open(folder, os.O_RDONLY)
     try:
         os.fsync(descriptor)
@@ -575,7 +579,7 @@ def _sync_folder(folder: Path) -> None:
         os.close(descriptor)
 
 
-# ---- recordings written again ----------------------------------------------------------------------------------------
+# ---- copies of recordings --------------------------------------------------------------------------------------------
 
 
 RECOVERED_ATTACHMENT: Final = "recovered.json"
@@ -583,7 +587,7 @@ LAYOUT_SUFFIX: Final = ".layout.json"
 
 
 class Written(NamedTuple):
-    """How many messages were written, and a line for each part that could not be read; none when all was whole."""
+    """How many messages were written, and a line for each part that could not be read."""
 
     messages: int
     problems: list[str]
@@ -591,26 +595,26 @@ class Written(NamedTuple):
 
 @contextmanager
 def _new_file(target: Path) -> Iterator[IO[bytes]]:
-    """Give a new file to write to; raises InputError if it exists or cannot be written."""
+    """Open a new file for writing; raises InputError if it exists or cannot be written."""
     with refusing(target, "cannot be written", "--output"):
         try:
             with target.open("xb") as file:
                 yield file
         except InputError:
-            target.unlink()  # it has no end yet
+            target.unlink()  # it is incomplete
             raise
         except FileExistsError as error:
             raise InputError(str(target), "exists already; nothing is overwritten", "--output") from error
 
 
-# ---- what a damaged recording still holds: every whole chunk, and only true messages ---------------------------------
+# ---- recovery of a damaged recording: every intact chunk, and no message that fails its checksum ---------------------
 
 
 def recover(source: Path, target: Path) -> Written:
-    """Copy what `source` still holds into a whole recording `target`.
+    """Copy the readable part of `source` into an intact recording `target`.
 
-    Times, topics and bytes of messages and attachments stay as they are, and so does their order; of a large file only
-    a piece is in memory. The new file holds in an attachment what it was made from and what was lost.
+    Times, topics and bytes of messages and attachments stay as they are, and so does their order; only a piece of the
+    file is in memory at a time. An attachment of the new file names its source and what was lost.
 
     Raises
     ------
@@ -641,19 +645,19 @@ def recover(source: Path, target: Path) -> Written:
 
 
 def layout_of(target: Path) -> Path:
-    """Return where the layout of a file for Foxglove lies."""
+    """Return the path of the layout that belongs to a file for Foxglove."""
     return target.with_name(target.stem + LAYOUT_SUFFIX)
 
 
 def write_foxglove(paths: Sequence[Path], target: Path) -> Written:
-    """Write recordings (files, or folders of them) as one MCAP file for Foxglove, the layout beside it.
+    """Write recordings (files, or folders of them) as one MCAP file for Foxglove, with a layout in the same folder.
 
-    The recordings are left as they are. What Foxglove has no use for is left out: refused messages and carried states.
+    The recordings are not changed. Refused messages and carried states are left out, as Foxglove cannot show them.
 
     Raises
     ------
     InputError
-        If a path is no recording, holds a message that is none of ours, or the target exists or cannot be written.
+        If a path is no recording, holds a message that cannot be parsed, or the target exists or cannot be written.
     """
     files = recordings_of(paths)
     translator, seen = Translator(), Seen()

@@ -1,12 +1,12 @@
 """Reads recordings: MCAP files, of which only bytes that pass their checksum are used.
 
-The mcap package's own readers check no CRC by default, skip those of attachments always, and give nothing of a file
-that was cut. This reader walks over the records itself (one byte opcode, eight bytes length, content), keeps what is
-whole, and reports what is not.
+The mcap package's own readers check no CRC by default, never check those of attachments, and give nothing of a
+truncated file. This reader iterates over the records itself (one byte opcode, eight bytes length, content), keeps the
+intact ones, and reports the others.
 
-A file may be made to do harm: a few bytes that unpack to gigabytes, a million beginnings of chunks that are none. What
-it states of its sizes is compared with limits before anything is copied or unpacked, and so is the work on all of it; a
-file that exceeds a limit is refused.
+A file may be malicious: a few bytes that unpack to gigabytes, a million false chunk headers. The sizes that it states,
+and the total work on it, are compared with limits before anything is copied or unpacked; a file that exceeds a limit is
+refused.
 """
 
 import json
@@ -43,54 +43,54 @@ from rwa_monitor.words import counted
 
 Parsed = TypeVar("Parsed", bound=Message)
 RECORDING_SUFFIX: Final = ".mcap"
-MAX_FILE_BYTES: Final = 2**30  # ours are rotated at 32 MiB, or at twice what they begin with
-# Of a monitor's own: they hold a checkpoint of each wheel, 1.7 MB where a window of 80,000 slots is nearly full,
-# and 4,096 wheels are the most.
+MAX_FILE_BYTES: Final = 2**30  # a monitor's are rotated at 32 MiB, or at twice the size of what they begin with
+# Limit where the file is not kept in memory: it may hold a checkpoint of each of up to 4,096 wheels, each 1.7 MB where
+# a window of 80,000 slots is nearly full.
 MAX_FLEET_FILE_BYTES: Final = 24 * 2**30
-MAX_WORK_BYTES: Final = 3 * 2**30  # to be copied and unpacked, of all records of a file and of what only looks like one
-# Or so many for each byte of a larger file, of which nothing is kept; telemetry that hardly changes is packed to a
-# twentieth.
+MAX_WORK_BYTES: Final = 3 * 2**30  # copied and unpacked, for all records of a file and for false chunk headers
+# The limit for a larger file that is not kept in memory, per byte of it; telemetry that hardly changes is compressed to
+# a twentieth.
 MAX_WORK_SHARE: Final = 64
 MAX_RECORDS: Final = 10_000_000  # of a file
-_CHUNK_HEAD: Final = struct.Struct("<BQQQQI")  # opcode, length, first and last time, size and checksum when unpacked
-_FOOTER: Final = struct.Struct("<BQQQI8s")  # these, where the summary begins, and its offsets, checksum, the magic
+_CHUNK_HEAD: Final = struct.Struct("<BQQQQI")  # opcode, length, first and last time, unpacked size and its checksum
+_FOOTER: Final = struct.Struct("<BQQQI8s")  # opcode, length, offsets of summary and summary offsets, checksum, magic
 _ZSTD_NAME: Final = b"\x04\x00\x00\x00zstd"
 CHANNELS_ATTACHMENT: Final = "channels.json"
 SETTINGS_ATTACHMENT: Final = "settings.json"
 CHECKPOINT_PREFIX: Final = "checkpoint/"  # of the attachments' names
-# Of which wheels a recording holds the state ("checkpoints" in its settings): of some while the wheels are brought over
-# from the recording before, which holds the state of the others.
+# Of which wheels a recording holds the state ("checkpoints" in its settings): of some while the wheels are moved from
+# the previous recording, which holds the state of the others.
 Held = Literal["all", "some"]
 
 
 class _Settings(Message):
-    """What the recorder attaches as settings: an object, of whatever fields."""
+    """The settings that the recorder attaches: an object with any fields."""
 
     model_config = ConfigDict(extra="allow")
 
 
 class Recording:
-    """A recording, whose content is passed on piece by piece: a large one takes little memory.
+    """A recording, whose content is read piece by piece: a large one takes little memory.
 
     Parameters
     ----------
     path
         The file.
     limit
-        Size from which it is refused [bytes].
+        Largest size that is accepted [bytes].
     work_share
         Bytes that may be copied and unpacked for each byte of the file.
 
     Attributes
     ----------
     finished
-        Whether it was closed in order; a recording without an end can still be whole up to its last flush.
+        Whether it was closed properly; a recording without an end can still be intact up to its last flush.
     problems
         One line for each part that could not be read.
     share
-        Of the file that has been gone through, 0 … 1; `finished` and `problems` are true at the end.
+        Share of the file that has been read, 0 … 1; `finished` and `problems` are valid when all of it has.
     attachments, messages
-        What of its content is kept, by whoever reads it: content by name, the last one where a name occurs twice, and
+        The content that the caller of `parts` keeps: attachments by name, the last one where a name occurs twice, and
         messages in file order.
     """
 
@@ -105,7 +105,7 @@ class Recording:
         self._work_share = work_share
         self._file: BinaryIO
         self._size = 0
-        self._found: list[Attachment | EncodedMessage] = []  # in the record at hand
+        self._found: list[Attachment | EncodedMessage] = []  # in the current record
         self._schemas: dict[int, str] = {}
         self._channels: dict[int, tuple[str, str]] = {}  # topic and schema
         self._lost_messages = 0
@@ -135,7 +135,7 @@ class Recording:
         ]
 
     def parts(self) -> Iterator[Attachment | EncodedMessage]:
-        """Pass on attachments and messages in the order of the file, once, to its end or to what cannot be passed.
+        """Yield attachments and messages in the order of the file, once; damaged parts are skipped.
 
         Raises
         ------
@@ -161,11 +161,11 @@ class Recording:
         return data
 
     def _find(self, wanted: bytes, start: int) -> int:
-        """Return where some bytes are found first from `start` on, -1 where they are not."""
+        """Return the first position of some bytes from `start` on, -1 where there is none."""
         while start + len(wanted) <= self._size:
             if (found := self._read(start, start + PIECE_BYTES).find(wanted)) >= 0:
                 return start + found
-            start += PIECE_BYTES - len(wanted) + 1  # what is looked for may lie across the border
+            start += PIECE_BYTES - len(wanted) + 1  # the bytes may lie across the border of two pieces
         return -1
 
     def _parts(self) -> Iterator[Attachment | EncodedMessage]:
@@ -184,7 +184,7 @@ class Recording:
             self.problems.append(f"{lost} of channels whose description cannot be read")
 
     def _record_end(self, position: int) -> int | None:
-        """Return where the record at `position` ends, None where no record can be."""
+        """Return where the record at `position` ends, None where there can be no record."""
         if position + RECORD_HEAD.size > self._size:
             return None
         length = int.from_bytes(self._read(position + 1, position + RECORD_HEAD.size), "little")
@@ -192,7 +192,7 @@ class Recording:
         return stop if length <= MAX_CHECKPOINT_BYTES and stop <= self._size else None
 
     def _take_record(self, position: int, stop: int) -> bool:
-        """Take in one record; False where it is damaged."""
+        """Process one record; return False if it is damaged."""
         self._begin_work(stop - position)
         record = self._read(position, stop)
         opcode, content = record[0], record[RECORD_HEAD.size :]
@@ -214,7 +214,7 @@ class Recording:
         return unpacked(chunk)
 
     def _take_records(self, data: bytes) -> None:
-        """Take in the records of a chunk; raises as `_unpack`."""
+        """Process the records of a chunk; raises as `_unpack`."""
         for opcode, record in records_in(data):
             self._records += 1
             if self._records > MAX_RECORDS:
@@ -244,7 +244,7 @@ class Recording:
             raise InputError(display_name(self.path), reason)
 
     def _take_attachment(self, content: bytes) -> None:
-        """Take in an attachment; raises whatever the parsers do if it is damaged."""
+        """Process an attachment; raises whatever the parsers do if it is damaged."""
         if zlib.crc32(content[:-4]) != int.from_bytes(content[-4:], "little"):
             raise ValueError("another checksum")
         attachment = Attachment.read(stream_of(content))
@@ -256,7 +256,7 @@ class Recording:
         self._found.append(attachment)
 
     def _is_end(self, stop: int) -> bool:
-        """Return whether the data ends here: the footer names where the summary begins, which only repeats them."""
+        """Return whether the data ends at `stop`: there the footer says that the summary begins, which is not read."""
         footer = self._read(max(0, self._size - _FOOTER.size), self._size)
         if len(footer) < _FOOTER.size:
             return False
@@ -264,7 +264,7 @@ class Recording:
         return bool(summary == stop and magic == MCAP0_MAGIC)
 
     def _next_chunk(self, position: int) -> int:
-        """Return where the next whole chunk begins, the file's end where there is none."""
+        """Return where the next intact chunk begins, the file's end where there is none."""
         while (found := self._find(_ZSTD_NAME, position + _CHUNK_HEAD.size)) >= 0:
             start = found - _CHUNK_HEAD.size
             stop = self._record_end(start)
@@ -274,7 +274,7 @@ class Recording:
         return self._size
 
     def _is_chunk(self, start: int, stop: int) -> bool:
-        """Return whether a whole chunk lies between two positions; looks at its head before it copies anything."""
+        """Return whether there is an intact chunk between two positions; checks its header before copying it."""
         opcode, _, _, _, size, _ = _CHUNK_HEAD.unpack(self._read(start, start + _CHUNK_HEAD.size))
         data = start + _CHUNK_HEAD.size + len(_ZSTD_NAME) + 8
         length = int.from_bytes(self._read(data - 8, data), "little")
@@ -290,16 +290,16 @@ def _is_sound(parse: Callable[[], object]) -> bool:
         parse()
     except InputError:
         raise
-    # The parsers raise whatever a damaged byte leads them to.
+    # With damaged bytes the parsers may raise anything.
     except Exception:  # noqa: BLE001
         return False
     return True
 
 
 def _is_ignored(opcode: int, content: bytes) -> bool:
-    """Return whether this is a record from which nothing is taken, as it has no checksum of its own.
+    """Return whether this is an intact record of a kind that is ignored, as it has no checksum of its own.
 
-    Its lengths must agree: a chunk whose opcode has a flipped bit must not pass for one, and be lost without a report.
+    Its lengths must agree: a chunk with a flipped bit in its opcode must not be mistaken for one, and lost unreported.
     """
     if opcode == Opcode.HEADER:  # two texts, each after its length
         profile = int.from_bytes(content[:4], "little")
@@ -314,8 +314,8 @@ def _is_ignored(opcode: int, content: bytes) -> bool:
 
 
 def read_recording(path: Path) -> Recording:
-    """Read a recording, as much of it as is whole; raises InputError as `Recording.parts`."""
-    recording = Recording(path, MAX_FILE_BYTES, 0)  # all of it is kept
+    """Read all intact parts of a recording into memory; raises InputError as `Recording.parts`."""
+    recording = Recording(path, MAX_FILE_BYTES, 0)  # with the limits for files that are kept in memory
     for part in recording.parts():
         if isinstance(part, EncodedMessage):
             recording.messages.append(part)
@@ -325,7 +325,7 @@ def read_recording(path: Path) -> Recording:
 
 
 def recordings_of(paths: Path | Sequence[Path]) -> list[Path]:
-    """Return the recordings that a file, several files or a folder stand for, in the order of their names.
+    """Return the recordings among files and in folders, those of a folder in the order of their names.
 
     Raises
     ------
@@ -347,14 +347,14 @@ def recordings_of(paths: Path | Sequence[Path]) -> list[Path]:
 
 
 def read_chain(paths: Path | Sequence[Path]) -> Iterator[Recording]:
-    """Read the recordings that a file, several files or a folder stand for, each after its predecessor.
+    """Read the recordings among files and in folders, each after its predecessor.
 
     Raises
     ------
     InputError
         As `recordings_of` and `read_recording`.
     """
-    # The names count up, so that the order of names is the order of the chain; replay checks the links.
+    # Names are numbered, so that their order is the order of the chain; replay checks the links.
     for path in recordings_of(paths):
         yield read_recording(path)
 
@@ -379,14 +379,14 @@ def file_sha256(path: Path) -> str:
         return file_digest(file, "sha256").hexdigest()
 
 
-# ---- what is read from the heads of the records alone ----------------------------------------------------------------
+# ---- times from the headers of chunks --------------------------------------------------------------------------------
 
 
 def time_span(path: Path) -> tuple[int, int] | None:
     """Return the first and the last time [ns, the wheels' clocks] in a recording, None where it has none.
 
-    From the heads of its chunks alone, which no checksum guards: to show, and for nothing else. What a recording holds
-    before the first sample bears no time (0) and does not count.
+    They are read from the headers of chunks, which have no checksum: for display and preselection only. Messages before
+    the first sample have no time (0) and do not count.
 
     Raises
     ------

@@ -1,6 +1,6 @@
-"""Runs recordings again: the state that a monitor goes on from, and whether the recorded diagnoses come out again.
+"""Reruns recordings: to recover the state of a monitor that starts, and to check that diagnoses are reproduced.
 
-A replay runs single recordings; a monitor that starts goes on from those that an earlier run left in its folder.
+A replay runs given recordings; a monitor that starts continues from those that an earlier run left in its folder.
 Messages are compared in order: lengths, types, bytes, then field by field with a tolerance.
 """
 
@@ -38,30 +38,31 @@ from rwa_monitor.monitor.searches import job_of, search
 from rwa_monitor.monitor.setup import Setup, key_of_name
 from rwa_monitor.words import Log, counted, first_few
 
-# What a replay must give again; health follows from the diagnosis, status has the wall clock in it.
+# Messages that a replay must reproduce; health follows from the diagnosis, status contains the wall clock.
 COMPARED_SCHEMAS: Final = (Changepoints.schema_name(), Diagnosis.schema_name(), Carried.schema_name())
 REPEATED_SCHEMAS: Final = (Diagnosis.schema_name(), Health.schema_name())
 KEPT_SCHEMAS: Final = (*COMPARED_SCHEMAS, Health.schema_name(), Discrepancy.schema_name())
-# Called with the recording and each checkpoint and message of it when that is done.
+# Called with the recording and each checkpoint and message of it when that has been processed.
 OnProgress = Callable[[Recording, Attachment | EncodedMessage], None]
 
 
 @dataclass(slots=True)
 class RecordingRun:
-    """A recording, run again.
+    """A recording that was rerun.
 
     Attributes
     ----------
     recording
-        With what is small of it: all attachments but checkpoints, and the messages of `KEPT_SCHEMAS`.
+        With all attachments except checkpoints, and the messages of `KEPT_SCHEMAS`.
     cores
-        By (spacecraft, wheel), as they stand after the last input.
+        By (spacecraft, wheel), in their state after the last input.
     outputs
-        The outputs for the inputs, changepoints and diagnoses, in order.
+        The outputs for the inputs (`COMPARED_SCHEMAS`), in order.
     inputs
-        Messages of samples processed.
+        Number of messages of samples processed.
     inherited, own
-        The outputs that the recording holds: those before the first input are for inputs of its predecessor.
+        The recorded outputs (`COMPARED_SCHEMAS`): those before the first input, for inputs of the predecessor, and the
+        others.
     """
 
     recording: Recording
@@ -73,23 +74,23 @@ class RecordingRun:
 
 
 def run_recording(path: Path, stop: Event, on_progress: OnProgress, before: RecordingRun | None = None) -> RecordingRun:
-    """Run a recording while it is read, so that no more of it is in memory than the cores.
+    """Run a recording while it is read, so that its checkpoints and samples are not kept in memory.
 
     Parameters
     ----------
     path
-        What to run.
+        The recording.
     stop
         Ends it early when set.
     on_progress
-        Called as what it is made of is done.
+        Called after each checkpoint and message.
     before
-        The recording before it, run, where this one holds the state of some wheels only.
+        The run of the previous recording, where this one holds the state of some wheels only.
 
     Raises
     ------
     InputError
-        If the recording cannot be read, or lacks what it was made with; if a checkpoint or an input is damaged.
+        If the recording cannot be read, or has no wheel or model attached; if a checkpoint or an input is damaged.
     """
     recording = Recording(path)
     run = RecordingRun(recording, before.cores if before else {})
@@ -101,7 +102,7 @@ def run_recording(path: Path, stop: Event, on_progress: OnProgress, before: Reco
         if isinstance(part, Attachment) and not part.name.startswith(CHECKPOINT_PREFIX):
             recording.attachments[part.name] = part.data
             continue
-        # The recorder writes what a recording was made with before all else.
+        # The recorder writes wheels and model before anything else.
         setup = setup or Setup.of(recording)
         if isinstance(part, Attachment):
             key = key_of_name(part.name.removeprefix(CHECKPOINT_PREFIX).removesuffix(".json"))
@@ -131,10 +132,10 @@ def _run_input(path: Path, recorded: EncodedMessage, setup: Setup, run: Recordin
     run.outputs += [output for output in outputs_of(events, *key) if output.schema in COMPARED_SCHEMAS]
 
 
-# ---- from the recordings of a folder ---------------------------------------------------------------------------------
+# ---- the state from the recordings of a folder -----------------------------------------------------------------------
 
 
-# How far back diagnoses are published again at a start: an outage may have begun before several crashes.
+# Size of recordings whose diagnoses are published again at a start: an outage may have begun before several crashes.
 REPEATED_BYTES: Final = 64 * 2**20
 
 
@@ -147,14 +148,14 @@ class RecoveredState:
     predecessor
         The last recording.
     cores
-        As they stood after its last input; without those whose wheel file or model is another one now.
+        In their state after its last input, except those of wheels whose wheel file or model has changed since.
     statuses
-        The last one of each wheel on the disk, by topic.
+        The last recorded status of each wheel, by topic.
     unrecorded
-        Outputs of its inputs that had not reached the disk.
+        Outputs for its inputs that had not reached the disk.
     diagnoses
-        On the disk, of the last recordings, in order, each with its health: they may not have reached the bus, and a
-        late subscriber asks.
+        Recorded diagnoses with their health, of the last recordings, in order: they may not have reached the bus, and
+        late subscribers ask for them.
     """
 
     predecessor: Predecessor | None = None
@@ -172,7 +173,7 @@ def recover_state(folder: Path, setup: Setup, stop: Event, log: Log) -> Recovere
     folder
         Of the recordings.
     setup
-        What the monitor goes on with.
+        Wheels and model of the monitor that starts.
     stop
         Ends it early when set.
     log
@@ -218,9 +219,9 @@ def recover_state(folder: Path, setup: Setup, stop: Event, log: Log) -> Recovere
 
 
 def _needed_before(path: Path, settings: dict[str, Any], earlier: Sequence[Path], log: Log) -> Path | None:
-    """Return the recording before one that holds the state of some wheels only; None where it holds all, as most do.
+    """Return the previous recording if this one holds the state of some wheels only; None if it holds all.
 
-    A monitor that ended while it brought the wheels from one recording over into the next left two.
+    A monitor that ended while it moved the wheels from one recording to the next left two such files.
     """
     if settings.get("checkpoints") != "some":
         return None
@@ -234,7 +235,8 @@ def _needed_before(path: Path, settings: dict[str, Any], earlier: Sequence[Path]
 def _unrecorded(run: RecordingRun) -> list[EncodedMessage]:
     """Return the outputs that the recording does not hold.
 
-    These are those after the last one that it does, by topic; where something in the middle is damaged, by content.
+    On each topic these are the outputs beyond the number recorded; if part of the recording is damaged, outputs are
+    compared by content.
     """
     if run.recording.problems:
         present = {(message.topic, message.payload) for message in run.recording.messages}
@@ -250,7 +252,7 @@ def _unrecorded(run: RecordingRun) -> list[EncodedMessage]:
 
 
 def _earlier_diagnoses(paths: Sequence[Path]) -> list[EncodedMessage]:
-    """Return the diagnoses in the recordings before the last one, latest first in `paths`, as far as is worth it."""
+    """Return the diagnoses in earlier recordings (`paths`, latest first), of at most `REPEATED_BYTES` of them."""
     found: list[EncodedMessage] = []
     size = 0
     for path in paths:
@@ -259,7 +261,7 @@ def _earlier_diagnoses(paths: Sequence[Path]) -> list[EncodedMessage]:
             if size > REPEATED_BYTES:
                 break
             found = [*_repeated(Recording(path).parts()), *found]
-        except (OSError, InputError):  # a replay reports a damaged file; here it only repeats less
+        except (OSError, InputError):  # a replay reports a damaged file; here fewer diagnoses are published again
             break
     return found
 
@@ -271,17 +273,17 @@ def _repeated(parts: Iterable[Attachment | EncodedMessage]) -> list[EncodedMessa
 # ---- comparing -------------------------------------------------------------------------------------------------------
 
 
-# Same code on another machine: sums may be taken in another order by its vector units, which moves the last bits.
+# The same code on another machine: its vector units may sum in another order, which changes the last bits.
 RELATIVE_TOLERANCE: Final = 1e-9
-# A difference of large numbers can be zero but for rounding; no torque, time or probability of ours is as small.
+# A difference of large numbers can be zero but for rounding; no torque, time or probability reported is as small.
 ABSOLUTE_TOLERANCE: Final = 1e-15
-# Fields that are compared by their bytes only, with the reason: a hash of floats has no tolerance.
+# Fields that count for `bytes_equal` only, with the reason: a hash of floats has no tolerance.
 HASHES_OF_WHAT_IS_COMPARED: Final = {
     "provenance.prior_sha256": "the state that it hashes is compared as rwa.Carried",
     "sha256": "the state beside it in rwa.Carried is compared",
 }
-ABSENT: Final = object()  # stands for a field that one of two messages lacks
-MAX_DIFFERENCES: Final = 10_000  # listed one by one; the rest is counted
+ABSENT: Final = object()  # placeholder for a field that one of two messages lacks
+MAX_DIFFERENCES: Final = 10_000  # kept; further ones are dropped
 
 
 class Difference(NamedTuple):
@@ -298,7 +300,7 @@ class Difference(NamedTuple):
 
     @property
     def field(self) -> str:
-        """The place without positions in lists, so that like differences count together."""
+        """The path without positions in lists, to count differences of the same field together."""
         return ".".join(part for part in self.path.split(".") if not part.isdigit())
 
 
@@ -350,15 +352,15 @@ class Report:
     compared
         Messages compared, by type name ("rwa.Diagnosis", "rwa.Changepoints").
     broken
-        Links of the chain that do not hold, a line each.
+        Links of the chain that are broken, a line each.
     found
         Differences beyond the tolerance.
     bytes_equal
-        True where every compared message has equal bytes.
+        Whether every compared message has equal bytes.
     unreadable
-        What could not be read of the files, in words; empty when whole.
+        Parts of the files that could not be read, a line each.
     notes
-        Remarks, such as "holds no whole window".
+        Remarks, such as "holds no closed window".
     messages
         The replayed outputs (topic, JSON bytes), in order.
     """
@@ -383,7 +385,7 @@ class Report:
         return Counter(difference.field for difference in self.found) + Counter(chain=len(self.broken))
 
     def add(self, difference: Difference) -> None:
-        """Note a difference."""
+        """Keep a difference."""
         self.bytes_equal = False
         if len(self.found) < MAX_DIFFERENCES:
             self.found.append(difference)
@@ -396,7 +398,7 @@ class Report:
             name = f"{old.topic} ({position})"
             if (old.topic, old.schema) != (new.topic, new.schema):
                 self.add(Difference(name, "type", f"{old.schema} on {old.topic}", f"{new.schema} on {new.topic}"))
-                break  # what follows is out of step
+                break  # the messages that follow do not correspond
             self.compared[old.schema] += 1
             if old.payload == new.payload:
                 continue
@@ -432,7 +434,7 @@ class Report:
 
 
 def replay(recordings: Path | Sequence[Path], on_progress: OnProgress = lambda *_: None) -> Report:
-    """Re-run the core on a recording (a file, a folder as a chain, or several files) and compare with what it holds.
+    """Rerun the core on recordings (a file, a folder as a chain, or several files), and compare the outputs.
 
     Exit codes on the command line: with --verify 1 unless `report.equal`; with --exact also unless
     `report.bytes_equal`; 3 where `report.unreadable` is not empty and the rest agrees.
@@ -460,7 +462,7 @@ def replay(recordings: Path | Sequence[Path], on_progress: OnProgress = lambda *
 class _Chain(Report):
     """Runs recordings one after the other, and reports what it found."""
 
-    owed: list[EncodedMessage] = field(default_factory=list)  # outputs that the file before was cut too early to hold
+    owed: list[EncodedMessage] = field(default_factory=list)  # outputs lost with the end of the previous file
 
     def run(self, path: Path, on_progress: OnProgress) -> None:
         """Run one recording and compare."""
@@ -473,7 +475,7 @@ class _Chain(Report):
         self.messages += [(output.topic, output.payload) for output in published]
 
         inherited, own, replayed = done.inherited, done.own, done.outputs
-        if settings.get("checkpoints") == "some":  # it was begun while the file before was being written
+        if settings.get("checkpoints") == "some":  # it was begun while the previous file was being written
             self._note(recording, "holds the wheels that had come over from the file before it when the monitor ended")
         elif self.files and inherited:
             self.compare(inherited, self.owed)
@@ -501,14 +503,14 @@ class _Chain(Report):
                 self.compare([message], [message._replace(payload=again.to_json())])
 
     def _inputs_of(self, report: Discrepancy, path: Path) -> Iterator[EncodedMessage]:
-        """Return the messages of samples in the files so far that may hold some of what a report is about."""
+        """Return the messages of samples in the files so far, except files that end before a report begins."""
         for file in (*self.files, path):
             span = time_span(file)
             if span is not None and span[1] >= report.start_ns:
                 yield from recorded_inputs(file)
 
     def _check_link(self, recording: Recording, settings: dict[str, Any]) -> None:
-        """Check that a recording names what it goes on from, and that this is as it was then."""
+        """Check that a recording names the file before it as its predecessor, and that file's hash."""
         named = settings.get("predecessor")
         if not isinstance(named, dict):
             if self.files:
@@ -538,9 +540,9 @@ def replay_to_bus(
     speed: float = 1.0,
     stop: Event,
 ) -> int:
-    """Publish a recording's inputs on the bus again, as they came, in the pace of their time.
+    """Publish a recording's inputs on the bus again, as they arrived, paced by their recorded time.
 
-    They go out under the name of their wheel with `REPLAY` behind it, so that nobody takes them for the wheel's own.
+    They are published under their wheel's name with `REPLAY` appended, so as not to be mistaken for live samples.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Telemetry from files of every format: which reader a file needs, and recordings of the bus."""
+"""Telemetry from files of every format: selection of the reader, and the readers of tables and bus recordings."""
 
 from collections import defaultdict
 from collections.abc import Mapping
@@ -21,14 +21,14 @@ NO_DECODING: Final = Decoding()
 
 
 def read_telemetry(path: Path, decoding: Decoding = NO_DECODING) -> TelemetryFile:
-    """Read a file of telemetry whole.
+    """Read all of a file of telemetry.
 
     Parameters
     ----------
     path
         A file of any format in `READERS`, recognised by its first bytes, else by its suffix.
     decoding
-        What it takes to understand space packets and ROS 2 bags.
+        Settings to decode space packets and ROS 2 bags.
 
     Raises
     ------
@@ -37,7 +37,7 @@ def read_telemetry(path: Path, decoding: Decoding = NO_DECODING) -> TelemetryFil
     """
     kind = file_format(path)
     if kind == "csv" and decoding.xtce is not None and path.suffix.lower() != ".csv":
-        kind = "packets"  # neither shows what it is, but a definition of packets is given
+        kind = "packets"  # neither first bytes nor suffix identify the format, but a definition of packets is given
     return READERS[kind](path, decoding)
 
 
@@ -57,9 +57,9 @@ def _read_table(path: Path, decoding: Decoding) -> TelemetryFile:
 
 
 def _read_mcap(path: Path, decoding: Decoding) -> TelemetryFile:
-    """Read a recording: the samples, wheel by wheel, and the wheel and model that it carries if it is one of ours.
+    """Read a recording: the samples by wheel, and the attached wheel and model if a monitor made it.
 
-    A message that is refused leaves a note: the bus refused it, too.
+    Messages that cannot be parsed are counted in a note: the monitor refused them, too.
     """
     del decoding
     source, recording = display_name(path), read_recording(path)
