@@ -1,5 +1,5 @@
-"""Diagnoses over months: what was found, when, what alarm it raised, and who has seen it.
+"""Diagnoses over months: their windows and estimates, the alarms that they raised, and who acknowledged them.
 
-In: messages of the bus or of recordings. Out: records as the API shows them. Read `alarms.py` (a pure state machine)
-first, then `store.py` over `database.py`.
+Input: messages of the bus or of recordings. Output: records for the API. Read `alarms.py` (a pure state machine)
+first, then `store.py`, which uses `database.py`.
 """

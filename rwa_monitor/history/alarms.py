@@ -1,12 +1,12 @@
 """When a diagnosis becomes an alarm: a pure state machine over the windows of a wheel.
 
-One possible anomaly of one wheel has one alarm. Each decided window gives it a level on the scale normal, watch,
+Each possible anomaly of a wheel has one alarm. Each decided window gives it a level on the scale normal, watch,
 warning, distress, critical. The alarm's level is the highest that at least k of the last n windows reach, so that one
-bad window raises no alarm. It clears only when it is normal again *and* acknowledged; an alarm that rises above what
-was acknowledged must be acknowledged again (ISA-18.2). Time is the windows' own, except that of what a person does.
-The silence of a wheel's monitor goes through the same machine, its reports in the place of windows.
+bad window raises no alarm. It clears only when it is normal again *and* acknowledged; an alarm that rises above the
+acknowledged level must be acknowledged again (ISA-18.2). Times are those of the windows, on the wheel's clock. The
+silence of a wheel's monitor uses the same state machine, with its reports in the place of windows.
 
-Before that a wheel is seen beside its siblings: what moved in all of a spacecraft's wheels is no fault of one of them.
+Before that a wheel is compared with its siblings: a shift in all wheels of a spacecraft is no fault of one of them.
 """
 
 import math
@@ -21,14 +21,14 @@ from rwa_monitor.messages import AlarmPhase, Anomaly, Diagnosis
 from rwa_monitor.samples import BoolArray, FloatArray
 
 MODEL_ALARM: Final = "model"  # the alarm that the friction model does not fit the wheel
-STORED_ALARM: Final = " (stored)"  # behind the name of an alarm that stored telemetry raised: one of its own
+STORED_ALARM: Final = " (stored)"  # suffix of the name of an alarm from stored telemetry, separate from the live one
 MONITOR_ALARM: Final = "monitor"  # the alarm that the wheel is not watched: its monitor does not report
-# In place of a wheel's name: of the alarm that all wheels of a spacecraft share, see `moved`.
+# In place of a wheel's name for alarms that all wheels of a spacecraft share, see `moved`.
 ALL_WHEELS: Final = "all_wheels"
 
 
 class Level(IntEnum):
-    """How bad it is, in the words of operations rooms."""
+    """Level of an alarm, in the terms of spacecraft operations."""
 
     NORMAL = 0
     WATCH = 1
@@ -38,11 +38,11 @@ class Level(IntEnum):
 
     @property
     def word(self) -> str:
-        """The level as it is written in messages."""
+        """The level as in messages."""
         return self.name.lower()
 
 
-# What to do at each level; the mission's own rules go before it. The levels are severities of friction, not orders.
+# What to do at each level; the mission's own rules take precedence. Levels are severities of friction, not orders.
 ADVICE: Final = {
     Level.NORMAL: "Acknowledge it, and note what was the matter.",
     Level.WATCH: "Today: look at the next windows and the trend. Change nothing in operations.",
@@ -59,7 +59,7 @@ ADVICE: Final = {
         " it stops by itself)."
     ),
 }
-# Of alarms that are no anomaly of one wheel, at every level but normal.
+# Advice for alarms that are not an anomaly of one wheel, at every level but normal.
 OWN_ADVICE: Final = {
     ALL_WHEELS: (
         "All wheels moved together, so none is to be unloaded for this: look at their temperature, at the supply and"
@@ -90,16 +90,16 @@ def advice(name: str, level: Level) -> str:
     return OWN_ADVICE.get(name, ADVICE[level]) if level > Level.NORMAL else ADVICE[level]
 
 
-# What the audit trail records. A person shelves an alarm for a while; the state machine goes on as if it was not.
+# Events of the audit trail. A person may shelve an alarm for a while, which does not affect the state machine.
 EventKind = Literal[
     "raised", "escalated", "eased", "returned", "relapsed", "acknowledged", "cleared", "shelved", "unshelved"
 ]
 
 
 class Policy(NamedTuple):
-    """When windows make an alarm: a level counts when k of the last n decided windows reach it.
+    """When windows raise an alarm: its level is the highest that k of the last n decided windows reach.
 
-    Normal is when none of the last n is above it.
+    A raised alarm returns to normal when all of the last n are normal.
     """
 
     k: int
@@ -107,16 +107,16 @@ class Policy(NamedTuple):
 
 
 WINDOW_POLICY: Final = Policy(k=2, n=3)
-MONITOR_POLICY: Final = Policy(k=1, n=1)  # how long the silence must be is decided where the status is received
+MONITOR_POLICY: Final = Policy(k=1, n=1)  # the receiver of the status decides from which silence on
 # Severities of an anomaly (0 at the nominal bound, 1 at the median of the learned anomaly) from which a window reaches
-# a level; an active anomaly below is a watch.
+# a level; an active anomaly below them is a watch.
 BOUNDS: Final = ((0.5, Level.WARNING), (1.5, Level.DISTRESS), (3.0, Level.CRITICAL))
 
 
 def level_of(anomaly: Anomaly, *, model_adequate: bool = True) -> Level:
     """Return the level that one anomaly of one window reaches.
 
-    Where the friction model does not fit, only the severity that is certain to one standard deviation counts.
+    Where the friction model does not fit, one standard deviation is subtracted from the severity.
     """
     if not anomaly.active:
         return Level.NORMAL
@@ -127,18 +127,18 @@ def level_of(anomaly: Anomaly, *, model_adequate: bool = True) -> Level:
 
 
 class Alarm(NamedTuple):
-    """One alarm as it stands.
+    """State of one alarm.
 
     Attributes
     ----------
     recent
         Levels of the last n decided windows, the oldest first.
     phase, level
-        Where it stands now: active while nobody has acknowledged it, returned when it is normal again before that.
+        Its current state: active until it is acknowledged, returned if it is normal again before that.
     peak
         The highest level since it was raised.
     acknowledged_level
-        The level that a person has seen; NORMAL while none has.
+        The peak when a person acknowledged it; NORMAL before that.
     raised_ns, changed_ns
         Ends of the windows at which it was raised and last changed [ns, wheel's clock]; None while it is quiet.
     """
@@ -153,7 +153,7 @@ class Alarm(NamedTuple):
 
 
 class AlarmEvent(NamedTuple):
-    """A line of the audit trail: what happened, the level then, and when [ns, the wheel's clock]."""
+    """A line of the audit trail: the event, the level after it, and its time [ns, the wheel's clock]."""
 
     event: EventKind
     level: Level
@@ -161,14 +161,14 @@ class AlarmEvent(NamedTuple):
 
 
 def observe(diagnosis: Diagnosis) -> dict[str, Level]:
-    """Return the level that a window gives each alarm of its wheel: none if partial, none of the wheel if undecided."""
+    """Return the level that a window gives each alarm; none if it is partial, or inconclusive and the model fits."""
     fits = diagnosis.model_adequate
     if diagnosis.partial:
-        return {}  # the end of a file, however short: it must not count like a whole window among k of n
-    # A wrong model is no fault of the wheel, but its estimates of the wheel are then worth less.
+        return {}  # a partial window may be very short: it must not count like a whole one among k of n
+    # An inadequate model is no fault of the wheel, but makes the estimates less reliable.
     model = {MODEL_ALARM: Level.NORMAL if fits else Level.WATCH}
     if diagnosis.verdict == "inconclusive":
-        return {} if fits else model  # a window that shows nothing does not show either that the model fits
+        return {} if fits else model  # an inconclusive window is no evidence that the model fits
     alarmed = diagnosis.verdict == "anomalous"
     levels = {
         name: level_of(anomaly, model_adequate=fits) if alarmed else Level.NORMAL
@@ -178,28 +178,28 @@ def observe(diagnosis: Diagnosis) -> dict[str, Level]:
 
 
 def advance(alarm: Alarm, observed: Level, time_ns: int, policy: Policy) -> tuple[Alarm, list[AlarmEvent]]:
-    """Take one window into an alarm.
+    """Update an alarm with one window.
 
     Parameters
     ----------
     alarm
-        The alarm before it.
+        The alarm before the window.
     observed, time_ns
         The level that the window gives it, and the window's end [ns, the wheel's clock].
     policy
-        When windows make an alarm.
+        When windows raise an alarm.
 
     Returns
     -------
     tuple
-        The alarm after it, and the events to report.
+        The alarm after the window, and the events to report.
     """
     recent = (*alarm.recent, observed)[-policy.n :]
     descending = sorted(recent, reverse=True)
     # The highest level that at least k of the last windows reach.
     level = descending[policy.k - 1] if len(descending) >= policy.k else Level.NORMAL
     if level == Level.NORMAL and alarm.phase != "quiet" and any(recent):
-        level = min(alarm.level, Level.WATCH)  # still a bad window among the last n: it has not settled
+        level = min(alarm.level, Level.WATCH)  # not normal while a bad window is among the last n
     phase, kinds = _transition(alarm, level)
     events = [AlarmEvent(kind, level, time_ns) for kind in kinds]
     if phase == "quiet":
@@ -216,7 +216,7 @@ def advance(alarm: Alarm, observed: Level, time_ns: int, policy: Policy) -> tupl
 
 
 def _transition(alarm: Alarm, level: Level) -> tuple[AlarmPhase, list[EventKind]]:
-    """Return where a new level brings an alarm, and the events of it."""
+    """Return the phase of an alarm at a new level, and the events."""
     if alarm.phase in {"quiet", "returned"}:
         if level == Level.NORMAL:
             return alarm.phase, []
@@ -230,14 +230,14 @@ def _transition(alarm: Alarm, level: Level) -> tuple[AlarmPhase, list[EventKind]
 
 
 def acknowledge(alarm: Alarm, time_ns: int) -> tuple[Alarm, list[AlarmEvent]]:
-    """Note that somebody has seen an alarm; a quiet one, or one already seen, stays as it is.
+    """Acknowledge an alarm; a quiet or acknowledged one is not changed.
 
     Parameters
     ----------
     alarm
         The alarm.
     time_ns
-        The wheel's clock then: the end of the latest window.
+        Time of the acknowledgement on the wheel's clock: the end of the latest window.
     """
     seen = AlarmEvent("acknowledged", alarm.level, time_ns)
     if alarm.phase == "active":
@@ -248,44 +248,45 @@ def acknowledge(alarm: Alarm, time_ns: int) -> tuple[Alarm, list[AlarmEvent]]:
     return alarm, []
 
 
-# ---- a wheel beside its siblings -------------------------------------------------------------------------------------
-# Whether what moved moved in all of a spacecraft's wheels, or in one.
+# ---- comparison of a wheel with its siblings -------------------------------------------------------------------------
+# Whether a coefficient shifted in all wheels of a spacecraft, or in one.
 #
 # Wheels of one spacecraft share temperature, slews, bus voltage and software. A coefficient of each is compared with
-# what it was: the relative shift r of the latest window against the median of earlier nominal ones. Under each
-# hypothesis the shifts are jointly Gaussian, with variance S² in what moved:
+# its earlier value: the relative shift r of the latest window against the median of earlier windows that were not
+# anomalous. Under each hypothesis the shifts are jointly Gaussian, with variance S² where there is a shift:
 #
-#     nothing moved          r ~ N(0, D)                       D: the windows' own errors and the wheels' own wander
-#     a cause they share     r ~ N(0, D + S² 1 1ᵀ)
+#     no shift               r ~ N(0, D)                       D: error of the estimates, scatter from window to window
+#     a common cause         r ~ N(0, D + S² 1 1ᵀ)
 #     wheel i alone          r ~ N(0, D + S² eᵢ eᵢᵀ)
 #     both                   r ~ N(0, D + S² (1 1ᵀ + eᵢ eᵢᵀ))
 #
-# Bayes' rule weighs them. Two wheels cannot be distinguished from one cause and one exception: three are needed.
+# Bayes' rule gives their probabilities. Of two wheels, a common shift with one exception cannot be distinguished from
+# a shift of one: three are needed.
 
 
 COMPARED: Final = {"dry": "base dry friction", "viscous": "viscous friction"}  # coefficients, and their names in words
 FEWEST_WHEELS: Final = 3
 MOST_WHEELS: Final = 16  # more are no siblings, but a fleet under one name
-SURE: Final = 0.95  # probability from which a shift counts as shared, or as of one wheel alone
-FEWEST_EARLIER: Final = 5  # windows that a wheel is compared with; with fewer, with what is nominal
-LATEST: Final = WINDOW_POLICY.n  # windows that are left out of what it was: those of which an alarm is made
+SURE: Final = 0.95  # probability from which a shift counts as common, or as that of one wheel alone
+FEWEST_EARLIER: Final = 5  # windows that a wheel is compared with; with fewer, the nominal bounds are used
+LATEST: Final = WINDOW_POLICY.n  # windows left out of the earlier ones: those that the alarm is raised from
 MOST_EARLIER: Final = 48  # windows; four days of 2.2 hours each
-SHIFT_STD: Final = 0.2  # S, one standard deviation of a shift where there is one; the learned anomalies are 15 to 30 %
+SHIFT_STD: Final = 0.2  # S, relative standard deviation of a shift if there is one; learned anomalies are 15 to 30 %
 BOUNDS_APART: Final = 4.0  # standard deviations of healthy wheels between the nominal bounds, that is ±2
-LEAST_WANDER: Final = 0.005  # of a wheel's own coefficient from window to window, one standard deviation
-PRIOR_COMMON: Final = 0.05  # probability that a cause they share moved the latest windows
-PRIOR_ALONE: Final = 0.02  # the same of each wheel by itself
+LEAST_WANDER: Final = 0.005  # lower limit of a coefficient's relative standard deviation from window to window
+PRIOR_COMMON: Final = 0.05  # prior probability of a common cause in the latest windows
+PRIOR_ALONE: Final = 0.02  # prior probability, for each wheel, that it shifted alone
 
 
 class Shift(NamedTuple):
-    """By how much a coefficient of one wheel moved, relative to what it was.
+    """Shift of a coefficient of one wheel, relative to its earlier value.
 
     Attributes
     ----------
     value, variance
         The shift, and its variance [-].
     nominal
-        Half the width of what is nominal, relative to what it was [-].
+        Half the width of the nominal range, relative to the earlier value [-].
     """
 
     value: float
@@ -294,16 +295,16 @@ class Shift(NamedTuple):
 
 
 class Comparison(NamedTuple):
-    """What the shifts of siblings show.
+    """Comparison of the shifts of siblings.
 
     Attributes
     ----------
     common
-        Probability that a cause which they share moved them.
+        Probability of a common cause.
     shift, shift_std
-        The shift that they share, if they do [-].
+        Mean and standard deviation of the common shift, given that there is one [-].
     alone
-        float64 (wheels,), probability that each moved by itself, beside what they share.
+        float64 (wheels,), probability that each has a shift of its own, with or without a common one.
     """
 
     common: float
@@ -313,17 +314,17 @@ class Comparison(NamedTuple):
 
 
 def shift_of(values: FloatArray, stds: FloatArray, anomalous: BoolArray, nominal: tuple[float, float]) -> Shift | None:
-    """Return the shift of the latest of a wheel's windows; None where that window does not show the coefficient.
+    """Return the shift in a wheel's latest window; None if the coefficient, or its earlier value, is not known.
 
     Parameters
     ----------
     values, stds
         float64 (windows,), the coefficient in each window, the oldest first, and its standard deviation; NaN where a
-        window does not show it.
+        window does not determine it.
     anomalous
-        bool (windows,), where it was judged anomalous: such windows do not become what it was.
+        bool (windows,), where it was judged anomalous: such windows do not count for the earlier value.
     nominal
-        Bounds of what is nominal; the wheel is compared with their middle where there are too few earlier windows.
+        Nominal bounds; their middle is used where there are too few earlier windows.
     """
     latest, std = float(values[-1]), float(stds[-1])
     if not np.isfinite(latest + std):
@@ -342,12 +343,12 @@ def shift_of(values: FloatArray, stds: FloatArray, anomalous: BoolArray, nominal
 
 
 def compare(shifts: Sequence[Shift]) -> Comparison | None:
-    """Weigh the hypotheses; None with fewer than three wheels."""
+    """Return the posterior probabilities of the hypotheses; None with fewer than three wheels."""
     count = len(shifts)
     if count < FEWEST_WHEELS:
         return None
     r = np.array([shift.value for shift in shifts])
-    # A hypothesis a row: whether a cause that all share moved them, and which wheel moved by itself.
+    # One row for each hypothesis: whether there is a common cause, and which wheel has a shift of its own.
     shared = np.repeat([False, True], count + 1)
     alone = np.tile(np.vstack([np.zeros(count), np.eye(count)]), (2, 1))
     moved = shared[:, None, None] + alone[:, :, None] * alone[:, None, :]
@@ -358,7 +359,7 @@ def compare(shifts: Sequence[Shift]) -> Comparison | None:
     log_weight = prior - 0.5 * (r @ inverse @ r + np.linalg.slogdet(covariance)[1])
     weight = np.exp(log_weight - log_weight.max())
     weight /= weight.sum()
-    # The shift that they share, given the shifts.
+    # Posterior mean and variance of the common shift, under each hypothesis that has one.
     gain = SHIFT_STD**2 * inverse[shared].sum(axis=1)
     means, variances = gain @ r, SHIFT_STD**2 * (1.0 - gain.sum(axis=1))
     common = float(weight[shared].sum())
@@ -369,14 +370,14 @@ def compare(shifts: Sequence[Shift]) -> Comparison | None:
 
 
 class Moved(NamedTuple):
-    """How a coefficient of one wheel moved beside its siblings.
+    """The shift of one wheel's coefficient compared with its siblings.
 
     Attributes
     ----------
     is_common, is_alone
-        Whether a cause that all share moved it, or it moved by itself; neither where it stayed, or that is not certain.
+        Whether the shift has a common cause, or is the wheel's own; neither if there is none, or neither is certain.
     is_large
-        Whether what all share moved it by more than lies between the middle and a bound of what is nominal.
+        Whether the common shift is more than half the width of the nominal range.
     in_words
         One sentence for an operator.
     """
@@ -388,7 +389,7 @@ class Moved(NamedTuple):
 
 
 def moved(name: str, wheel: str, shifts: Mapping[str, Shift]) -> Moved | None:
-    """Judge a wheel beside its siblings, by the shifts of all; None where they are too few, or it has none.
+    """Compare a wheel with its siblings, by the shifts of all; None where they are too few, or it has none.
 
     Parameters
     ----------

@@ -1,8 +1,8 @@
-"""The database under the history, which it opens, its tables, and the records that the API shows of them.
+"""The database of the history: connection, tables, and the records that the API returns.
 
-SQLite without set-up: one file, write-ahead log, so that readers and the one writer do not wait for each other. Or
-PostgreSQL by URL, for several dashboards and for years of a large fleet. In its tables, times of the wheels' clocks end
-in `_ns`, times of this machine's in `_wall_ns`.
+SQLite needs no set-up: one file, with a write-ahead log, so that readers and the one writer do not wait for each other.
+PostgreSQL, by URL, is for several dashboards and for years of a large fleet. In the tables, names of times on the
+wheels' clocks end in `_ns`, on this machine's clock in `_wall_ns`.
 """
 
 from __future__ import annotations
@@ -33,14 +33,14 @@ BUSY_TIMEOUT_S: Final = 5.0
 
 
 class HistoryError(RwaMonitorError):
-    """The database cannot be used just now."""
+    """The database cannot be used at present."""
 
 
 class Database:
     """An open database with the history's tables.
 
-    A file that is removed while it is open would live on, nameless, until the program ends, and be lost then: there is
-    no session while another file, or none, lies in its place.
+    A file that is removed while it is open would still be written to, and lost when the program ends: no session is
+    given while there is another file, or none, at its path.
 
     Parameters
     ----------
@@ -73,7 +73,7 @@ class Database:
 
     @contextmanager
     def session(self) -> Iterator[Session]:
-        """Give a session in a transaction; what the database refuses, or a file that is gone, is a HistoryError."""
+        """Open a session in a transaction; HistoryError if the database reports an error or its file is gone."""
         if _identity(self.path) != self._file:
             raise HistoryError(self._message("is gone: put it back, or start the dashboard again"))
         try:
@@ -87,18 +87,18 @@ class Database:
 
 
 def _identity(path: Path | None) -> tuple[int, int] | None:
-    """Return which file lies at a path, None for none."""
+    """Return device and inode of the file at a path, None for none."""
     with suppress(OSError):
         return None if path is None else ((facts := path.stat()).st_dev, facts.st_ino)
     return None
 
 
 def _url(place: Path | str | None) -> sa.URL:
-    """Return the URL of a place; its password is shown to nobody."""
+    """Return the URL of a place; no error shows its password."""
     if place is None:
         return sa.make_url("sqlite://")
     if isinstance(place, Path):
-        # No connection makes a file: an empty one in the place of one that was removed would pass for one put there.
+        # No connection creates the file: a new, empty one would be mistaken for the file that was removed.
         return sa.make_url(f"sqlite:///file:{quote(str(place.absolute()))}?mode=rw&uri=true")
     try:
         url = sa.make_url(place)
@@ -110,13 +110,13 @@ def _url(place: Path | str | None) -> sa.URL:
 
 
 def _open_engine(url: sa.URL) -> sa.Engine:
-    """Open the database and make its tables where they are missing."""
+    """Open the database and create missing tables."""
     options: dict[str, Any]
     if url.get_backend_name() == "postgresql":
-        # A connection that the server has closed meanwhile is replaced by a new one.
+        # A connection that the server has closed in the meantime is replaced by a new one.
         options = {"pool_pre_ping": True, "connect_args": {"connect_timeout": int(BUSY_TIMEOUT_S)}}
     else:
-        # A connection is used by one thread at a time, as the pool ensures.
+        # The pool ensures that one thread at a time uses a connection.
         options = {"connect_args": {"timeout": BUSY_TIMEOUT_S, "check_same_thread": False}}
         if url.database is None:
             options["poolclass"] = StaticPool
@@ -140,7 +140,7 @@ def _set_up_connection(connection: Any, record: object) -> None:
     del record
     cursor = connection.cursor()
     cursor.execute("PRAGMA journal_mode = WAL")
-    cursor.execute("PRAGMA synchronous = FULL")  # an acknowledgement that was answered survives a loss of power
+    cursor.execute("PRAGMA synchronous = FULL")  # a confirmed acknowledgement survives a loss of power
     cursor.execute("PRAGMA foreign_keys = ON")
     cursor.close()
 
@@ -150,7 +150,7 @@ def _reason(error: Exception) -> str:
 
 
 def make_tables(engine: sa.Engine) -> None:
-    """Make the tables where they are missing, in one transaction where the database can do that.
+    """Create missing tables, in one transaction where the database supports that.
 
     Raises
     ------
@@ -172,11 +172,11 @@ def make_tables(engine: sa.Engine) -> None:
 
 _Key = Annotated[str, mapped_column(primary_key=True)]
 _IntKey = Annotated[int, mapped_column(primary_key=True, autoincrement=False)]
-# SQLite counts rows by itself only in a column of this very type.
+# SQLite numbers rows automatically only in a column of exactly this type.
 _RowId = Annotated[int, mapped_column(sa.BigInteger().with_variant(sa.Integer, "sqlite"), primary_key=True)]
 
 
-REVISION: Final = 2  # of all tables; a change of one raises it, and brings a migration along
+REVISION: Final = 2  # of all tables; a change of any table increments it and needs a migration
 
 
 class Table(DeclarativeBase):
@@ -186,7 +186,7 @@ class Table(DeclarativeBase):
 
 
 class RevisionRow(Table):
-    """The revision of the tables that a database holds: one row."""
+    """The revision of the database's tables: one row."""
 
     __tablename__ = "revision"
 
@@ -194,7 +194,7 @@ class RevisionRow(Table):
 
 
 class DiagnosisRow(Table):
-    """One diagnosed window, once. `message` is the diagnosis as it was on the bus."""
+    """One diagnosed window; unique. `message` is the diagnosis as on the bus."""
 
     __tablename__ = "diagnoses"
     __table_args__ = (
@@ -211,7 +211,7 @@ class DiagnosisRow(Table):
 
 
 class EstimateRow(Table):
-    """One estimate of one window, kept longer than the diagnosis it is from."""
+    """One estimate of one window, kept longer than its diagnosis."""
 
     __tablename__ = "estimates"
 
@@ -231,7 +231,7 @@ class EstimateRow(Table):
 
 
 class DiscrepancyRow(Table):
-    """The latest discrepancy report of a wheel, as it was on the bus."""
+    """The latest discrepancy report of a wheel, as on the bus."""
 
     __tablename__ = "discrepancies"
 
@@ -242,7 +242,7 @@ class DiscrepancyRow(Table):
 
 
 class WheelEventRow(Table):
-    """One audit event on the list of wheels: who has retired which wheel; never changed."""
+    """One audit event of the list of wheels (a wheel retired or brought back, and by whom); never changed."""
 
     __tablename__ = "wheel_events"
     __table_args__ = (sa.Index("wheel_events_by_wheel", "spacecraft", "wheel"),)
@@ -253,12 +253,12 @@ class WheelEventRow(Table):
     event: Mapped[str]
     time_ns: Mapped[int | None]  # end of the latest window known then
     wall_ns: Mapped[int]
-    person: Mapped[str]  # "" where the wheel came back with its telemetry
+    person: Mapped[str]  # "" where the wheel's telemetry brought it back
     note: Mapped[str]
 
 
 class AlarmStateRow(Table):
-    """The state machine of one alarm: its last levels, and the row of its present rise."""
+    """The state machine of one alarm: its last levels, and the row of the open alarm, if any."""
 
     __tablename__ = "alarm_states"
 
@@ -266,13 +266,13 @@ class AlarmStateRow(Table):
     wheel: Mapped[_Key]
     name: Mapped[_Key]
     recent: Mapped[str]  # levels as digits, the oldest first
-    last_window_ns: Mapped[int]  # end of the last window taken in
+    last_window_ns: Mapped[int]  # end of the last window processed
     alarm_id: Mapped[int | None] = mapped_column(sa.ForeignKey("alarms.id", ondelete="SET NULL"))
     alarm: Mapped[AlarmRow | None] = relationship()
 
 
 class AlarmRow(Table):
-    """One alarm from its rise to its end."""
+    """One alarm from when it is raised until it is closed."""
 
     __tablename__ = "alarms"
     __table_args__ = (sa.Index("alarms_open", "closed_ns"),)
@@ -285,7 +285,7 @@ class AlarmRow(Table):
     level: Mapped[int]
     peak: Mapped[int]
     acknowledged_level: Mapped[int]
-    reason: Mapped[str]  # of the window that raised it, or made it worse
+    reason: Mapped[str]  # of the window that raised or last escalated it
     raised_ns: Mapped[int]
     changed_ns: Mapped[int]
     closed_ns: Mapped[int | None]
@@ -299,7 +299,7 @@ class AlarmRow(Table):
 
 
 class AlarmEventRow(Table):
-    """One line of an alarm's audit trail; never changed."""
+    """One event of an alarm's audit trail; never changed."""
 
     __tablename__ = "alarm_events"
 
@@ -313,10 +313,10 @@ class AlarmEventRow(Table):
     note: Mapped[str]
 
 
-# ---- the records of the history, as the API shows them ---------------------------------------------------------------
+# ---- the records of the history that the API returns -----------------------------------------------------------------
 
 
-# A level as a word, also from the number that the database has.
+# A level as a word, converted from the database's number.
 LevelWord = Annotated[AlarmLevel, BeforeValidator(lambda level: Level(level).word if isinstance(level, int) else level)]
 
 
@@ -361,11 +361,11 @@ class MonitorState(NamedTuple):
     spacecraft, wheel
         The wheel's.
     silent
-        True where it has not reported for too long.
+        Whether it has not reported for too long.
     time_ns
-        The latest time known of the wheel [ns, the wheel's clock]; None where none is.
+        The latest known time of the wheel [ns, the wheel's clock]; None if none is known.
     reason
-        In one sentence, since when; "" where it reports.
+        One sentence that says since when; "" if it reports.
     """
 
     spacecraft: str
@@ -392,7 +392,7 @@ class RetirementEvent(Message):
 
     @property
     def retired(self) -> bool:
-        """Whether the wheel is retired after this."""
+        """Whether the wheel is retired after this event."""
         return self.event == "retired"
 
 
@@ -423,7 +423,7 @@ class TrendRecord(Message):
 
 
 def trends(estimates: Sequence[EstimateRecord]) -> list[TrendRecord]:
-    """Return where estimates go that have a standard deviation, and when they will reach the next alarm level.
+    """Return the trends of estimates that have a standard deviation, and when they will reach the next alarm level.
 
     Parameters
     ----------
@@ -463,7 +463,7 @@ def _reach(reach: Reach, level: str, now_s: float) -> ReachRecord:
 def _limits(own: Sequence[EstimateRecord]) -> list[tuple[float, str]]:
     """Return the values at which an estimate reaches a level, ascending.
 
-    A severity s is the nominal bound plus s steps; how long a step is shows in a window with a severity above 0.
+    Severity s is at the nominal bound plus s steps; the step is computed from a window with a severity above 0.
     """
     bound = own[-1].nominal_high
     if bound is None:

@@ -1,8 +1,8 @@
-"""The history on a database: takes diagnoses in, runs the alarms over them, and gives records of both.
+"""The history on a database: stores diagnoses, updates the alarms with them, and returns records of both.
 
-A window is taken in once, whether it comes live, again after a restart, or from an imported recording; what it means
-for the alarms is written in the same transaction. Stored telemetry may complete a window later, or change the state
-before it: then the later diagnosis takes the place of the earlier one. Its alarms are its own, with its windows' times.
+A window is added once, whether it arrives live, again after a restart, or from an imported recording; the alarms are
+updated in the same transaction. Stored telemetry may complete a window later, or change the state before it: then the
+later diagnosis replaces the earlier one. It has alarms of its own, with the times of its windows.
 """
 
 import time
@@ -35,8 +35,8 @@ from rwa_monitor.messages import Diagnosis, Discrepancy
 from rwa_monitor.reporting.diagnoses import EstimateRecord, estimates_of
 from rwa_monitor.samples import NANOSECONDS_PER_SECOND, SECONDS_PER_DAY
 
-MAX_ID: Final = np.iinfo(np.int64).max  # that a database can hold
-CHANGED: Final = "changed"  # alarms that a session has changed
+MAX_ID: Final = np.iinfo(np.int64).max  # the largest that a database can hold
+CHANGED: Final = "changed"  # key in `Session.info` of the alarms that the session has changed
 _ALARMS: Final = select(AlarmRow).options(selectinload(AlarmRow.trail))
 
 
@@ -64,18 +64,18 @@ class History(Database):
     def __init__(self, place: Path | str | None, wall_ns: Callable[[], int] = time.time_ns) -> None:
         self._wall_ns = wall_ns
         super().__init__(place)
-        self._wheels: dict[str, set[str]] = {}  # by spacecraft, those that were met
+        self._wheels: dict[str, set[str]] = {}  # known wheels by spacecraft
         self.retired = RetiredWheels(self, wall_ns)
 
     # ---- in ------------------------------------------------------------------------------------------------------
 
     def add(self, *diagnoses: Diagnosis) -> tuple[int, list[AlarmRecord]]:
-        """Take in windows in one transaction; returns how many of them were new, and the alarms that they changed.
+        """Add windows in one transaction; returns how many of them were new, and the alarms that they changed.
 
         Raises
         ------
         HistoryError
-            If the database cannot be written; nothing of the windows is in it then.
+            If the database cannot be written; none of the windows is added then.
         """
         with self.session() as session:
             new = sum(self._add(session, diagnosis) for diagnosis in diagnoses)
@@ -86,7 +86,7 @@ class History(Database):
         wanted = select(DiagnosisRow).filter_by(**place, window_start_ns=diagnosis.window_start_ns)
         known, message = session.scalar(wanted), diagnosis.to_json().decode()
         newest_ns = session.scalar(select(func.max(EstimateRow.window_end_ns)).filter_by(**place))
-        # Of an old recording that is imported again: older than any window that is kept.
+        # A window of an old recording that is imported again: older than any window that is kept.
         is_past = newest_ns is not None and diagnosis.window_end_ns < oldest_ns(newest_ns, DIAGNOSES_DAYS)
         if is_past or (known is not None and (diagnosis.data is None or known.message == message)):
             return False
@@ -100,7 +100,7 @@ class History(Database):
         for wheel, name, level, reason in self._observed(session, diagnosis):
             key = (diagnosis.spacecraft, wheel, name + (alarms.STORED_ALARM if diagnosis.data else ""))
             if level == Level.NORMAL and session.get(AlarmStateRow, key) is None:
-                continue  # an alarm that never had cause to be needs no row
+                continue  # an alarm that was never raised needs no row
             state = _state_of(session, key)
             if end_ns > state.last_window_ns:  # an older window changes no live alarm
                 self._advance(session, state, level, end_ns, alarms.WINDOW_POLICY, reason)
@@ -110,7 +110,7 @@ class History(Database):
         return known is None
 
     def _raise_earlier(self, session: Session, state: AlarmStateRow, diagnosis: Diagnosis, name: str) -> None:
-        """Raise an alarm of stored telemetry by a window that comes after later ones, with those around it in time."""
+        """Raise an alarm of stored telemetry for a window added after later ones, from the windows around it."""
         policy, end = alarms.WINDOW_POLICY, DiagnosisRow.window_end_ns
         of_wheel = select(DiagnosisRow.message).filter_by(spacecraft=state.spacecraft, wheel=state.wheel)
         before = of_wheel.where(end < diagnosis.window_end_ns).order_by(end.desc()).limit(policy.n - 1)
@@ -127,12 +127,12 @@ class History(Database):
             state.recent, state.last_window_ns = recent, last_ns
 
     def _observed(self, session: Session, diagnosis: Diagnosis) -> Iterator[tuple[str, str, Level, str]]:
-        """Yield the level that a window gives each alarm, of its wheel or of all: wheel, name, level, reason.
+        """Yield wheel, name, level and reason for each alarm, of the wheel or of all wheels, that a window changes.
 
-        A window that is undecided by itself gives no level, but where its siblings decide.
+        An inconclusive window gives its wheel a level only where the comparison with its siblings does.
         """
         siblings, levels = self._wheels_of(session, diagnosis), alarms.observe(diagnosis)
-        # Dumps arrive in any order, perhaps before those of the siblings: each is judged by itself.
+        # Dumps arrive in any order, perhaps before those of the siblings: they are not compared.
         several = alarms.FEWEST_WHEELS <= len(siblings) <= alarms.MOST_WHEELS
         alike = several and not diagnosis.data and not diagnosis.partial
         for name in [*levels, *(name for name in alarms.COMPARED if alike and name not in levels)]:
@@ -151,7 +151,7 @@ class History(Database):
                 yield alarms.ALL_WHEELS, name, Level.NORMAL, ""
 
     def _wheels_of(self, session: Session, diagnosis: Diagnosis) -> set[str]:
-        """Return the wheels of a window's spacecraft, that of the window among them."""
+        """Return the wheels of a window's spacecraft, including its own."""
         known, wanted = self._wheels, select(DiagnosisRow.wheel).filter_by(spacecraft=diagnosis.spacecraft).distinct()
         if diagnosis.spacecraft not in known:
             known[diagnosis.spacecraft] = set(session.scalars(wanted))
@@ -159,14 +159,14 @@ class History(Database):
         return known[diagnosis.spacecraft]
 
     def take_monitors(self, reports: Iterable[MonitorState]) -> list[AlarmRecord]:
-        """Take in of which wheels the monitor reports, and of which not any more; returns the alarms that this changed.
+        """Store which wheels' monitors report and which are silent; returns the alarms that this changed.
 
-        From its first status on a monitor is expected, by every dashboard on this history, until its wheel is retired.
+        From its first report on a monitor is expected, by every dashboard on this history, until its wheel is retired.
 
         Raises
         ------
         HistoryError
-            If the database cannot be written; nothing is noted then.
+            If the database cannot be written; nothing is stored then.
         """
         with self.session() as session:
             for report in reports:
@@ -177,7 +177,7 @@ class History(Database):
             return _changed(session)
 
     def add_discrepancy(self, found: Discrepancy) -> None:
-        """Take in a discrepancy report, where no later one of the wheel is known; raises HistoryError as `add`."""
+        """Store a discrepancy report unless a later one of the wheel is known; raises HistoryError as `add`."""
         name, text = {"spacecraft": found.spacecraft, "wheel": found.wheel}, found.to_json().decode()
         with self.session() as session:
             row = session.get(DiscrepancyRow, name)
@@ -187,7 +187,7 @@ class History(Database):
     def _advance(
         self, session: Session, state: AlarmStateRow, level: Level, time_ns: int, policy: Policy, reason: str
     ) -> None:
-        """Take a level into an alarm, and write down what it means."""
+        """Update an alarm with a level, and write its state and events."""
         row = state.alarm
         after, events = alarms.advance(_alarm(state, row), level, time_ns, policy)
         state.recent = "".join(str(int(level)) for level in after.recent)
@@ -213,7 +213,7 @@ class History(Database):
         row.trail.append(line)
 
     def acknowledge(self, alarm_id: int, person: str, note: str = "") -> AlarmRecord:
-        """Note that somebody has seen an alarm; returns it as it stands then.
+        """Acknowledge an alarm; returns it as it is then.
 
         Raises
         ------
@@ -225,7 +225,7 @@ class History(Database):
         with self.session() as session:
             row, state = self._open_alarm(session, alarm_id)
             alarm = _alarm(state, row)
-            if row.name.endswith(alarms.STORED_ALARM):  # what was then needs no normal window now
+            if row.name.endswith(alarms.STORED_ALARM):  # an alarm of the past needs no normal window to close
                 alarm = alarm._replace(phase="returned")
             after, events = alarms.acknowledge(alarm, state.last_window_ns)
             if not events:
@@ -238,7 +238,7 @@ class History(Database):
             return _records([row])[0]
 
     def shelve(self, alarm_id: int, person: str, seconds: float, note: str = "") -> AlarmRecord:
-        """Shelve an open alarm for a while; 0 s ends it, and so does an alarm that gets worse.
+        """Shelve an open alarm for a while; 0 s unshelves it, as does an escalation or a relapse.
 
         Raises
         ------
@@ -262,7 +262,7 @@ class History(Database):
         return state.alarm, state
 
     def prune(self) -> None:
-        """Remove what is older than is kept."""
+        """Remove records that are older than their retention time."""
         row = EstimateRow
         latest = select(row.spacecraft, row.wheel, func.max(row.window_end_ns)).group_by(row.spacecraft, row.wheel)
         with self.session() as session:
@@ -310,7 +310,7 @@ class History(Database):
             return None if row is None else row.message.encode()
 
     def monitors(self) -> dict[tuple[str, str], bool]:
-        """Return spacecraft and name of wheels that ever had a monitor; True where it is known to be silent."""
+        """Return, by spacecraft and name of wheels that ever had a monitor, whether its alarm is raised."""
         wanted = select(AlarmStateRow).filter_by(name=alarms.MONITOR_ALARM).options(joinedload(AlarmStateRow.alarm))
         with self.session() as session:
             return {(one.spacecraft, one.wheel): bool(one.alarm and one.alarm.level) for one in session.scalars(wanted)}
@@ -322,7 +322,7 @@ class History(Database):
             return _records(session.scalars(wanted))
 
     def alarms(self, *, closed: int = 50) -> list[AlarmRecord]:
-        """Return all open alarms, the worst first, then the latest closed ones."""
+        """Return all open alarms, the highest level first, then the latest closed ones."""
         open_ones = _ALARMS.where(AlarmRow.closed_ns.is_(None)).order_by(AlarmRow.level.desc(), AlarmRow.id)
         ended = _ALARMS.where(AlarmRow.closed_ns.is_not(None)).order_by(AlarmRow.id.desc()).limit(closed)
         with self.session() as session:
@@ -330,9 +330,9 @@ class History(Database):
 
 
 def _moved(session: Session, diagnosis: Diagnosis, name: str) -> alarms.Moved | None:
-    """Return how a coefficient of a window's wheel moved beside its siblings; None where that cannot be compared.
+    """Compare the shift of a coefficient of a window's wheel with its siblings; None where that is not possible.
 
-    Of each wheel the latest window counts that ends within one window's length of this one.
+    Of each wheel the latest window is used, if it ends within one window's length of this one.
     """
     length = diagnosis.window_end_ns - diagnosis.window_start_ns
     wanted = (
@@ -358,7 +358,7 @@ def _moved(session: Session, diagnosis: Diagnosis, name: str) -> alarms.Moved | 
 
 
 def _state_of(session: Session, key: tuple[str, str, str]) -> AlarmStateRow:
-    """Return the state of an alarm by spacecraft, wheel and name; a new one where there is none."""
+    """Return the state of an alarm by spacecraft, wheel and name; a new one is added where there is none."""
     state = session.get(AlarmStateRow, key)
     if state is None:
         spacecraft, wheel, name = key
@@ -368,7 +368,7 @@ def _state_of(session: Session, key: tuple[str, str, str]) -> AlarmStateRow:
 
 
 def _alarm(state: AlarmStateRow, row: AlarmRow | None) -> Alarm:
-    """Return an alarm as the state machine has it."""
+    """Return the state machine's form of an alarm."""
     recent = tuple(Level(int(digit)) for digit in state.recent)
     if row is None:
         return Alarm(recent)
@@ -377,7 +377,7 @@ def _alarm(state: AlarmStateRow, row: AlarmRow | None) -> Alarm:
 
 
 def _write(row: AlarmRow, alarm: Alarm, time_ns: int) -> None:
-    """Bring the alarm's row up to date; one that has cleared is closed, and keeps what it came to."""
+    """Update the alarm's row; one that has cleared is closed, and keeps its peak and when it was raised."""
     row.phase, row.level = alarm.phase, int(alarm.level)
     if alarm.raised_ns is None or alarm.changed_ns is None:
         row.closed_ns = row.changed_ns = time_ns
@@ -404,29 +404,29 @@ def _reason(diagnosis: Diagnosis, name: str) -> str:
     return f"The friction model does not fit this wheel's telemetry{suspected}."
 
 
-# ---- how long what is kept -------------------------------------------------------------------------------------------
+# ---- retention times -------------------------------------------------------------------------------------------------
 
 
-# What is older than so many days before the latest window of its wheel is removed; open alarms are kept always.
-DIAGNOSES_DAYS: Final = 180.0  # what is older is not taken in again either
+# Records older than so many days before the latest window of their wheel are removed; open alarms are always kept.
+DIAGNOSES_DAYS: Final = 180.0  # older ones are not added again, either
 ESTIMATES_DAYS: Final = 730.0
 ALARMS_DAYS: Final = 3650.0  # closed ones, with their audit trail
 
 
 def oldest_ns(end_ns: int, days: float) -> int:
-    """Return the time some days before the latest window's end."""
+    """Return the time so many days before the latest window's end."""
     return end_ns - int(days * SECONDS_PER_DAY) * NANOSECONDS_PER_SECOND
 
 
 # ---- retired wheels --------------------------------------------------------------------------------------------------
-# Each change is an audit event that is never changed; where a wheel stands is in its last event. A retired wheel
-# reappears when its telemetry arrives, also where the history cannot be written just now: what was done here goes
-# before what is written, until all of it is. Other dashboards may work on the same history; what they write is read
-# again and again.
+# Each change is an audit event that is never changed; a wheel's state is that of its last event. A retired wheel
+# reappears when its telemetry arrives, even if the history cannot be written at present: events of this process take
+# precedence over the database until they are written. Other dashboards may use the same history; their events are read
+# periodically.
 
 
 class RetiredWheels:
-    """Which wheels are retired, and the audit events of it. It may be called from any thread.
+    """Which wheels are retired, and the audit events of that. It may be called from any thread.
 
     Parameters
     ----------
@@ -458,20 +458,20 @@ class RetiredWheels:
         return {(event.spacecraft, event.wheel) for event in self.latest() if event.retired}
 
     def events(self, spacecraft: str, wheel: str) -> list[RetirementEvent]:
-        """Return all that was done with a wheel, the oldest first; raises HistoryError."""
+        """Return all audit events of a wheel, the oldest first; raises HistoryError."""
         wanted = select(WheelEventRow).filter_by(spacecraft=spacecraft, wheel=wheel).order_by(WheelEventRow.id)
         with self._session() as session:
             return [_event(row) for row in session.scalars(wanted)]
 
     def refresh(self) -> list[RetirementEvent]:
-        """Read the history again, where all that was done here is written; returns what others did since then.
+        """Read the history again, when all events of this process are written; returns other dashboards' new events.
 
         Raises
         ------
         HistoryError
             If the history cannot be read; nothing is changed then.
         """
-        with self._lock, self._session() as session:  # nothing is done here between what is read and what is kept of it
+        with self._lock, self._session() as session:  # no event of this process between reading and keeping
             new = {name: event for name, event in _latest(session).items() if self._last.get(name) != event}
             self._last |= new
         return list(new.values())
@@ -482,7 +482,7 @@ class RetiredWheels:
         Raises
         ------
         InputError
-            If the wheel is so already, or an alarm of one to be retired waits to be acknowledged.
+            If the wheel is already in that state, or one to be retired has an alarm that is not acknowledged.
         HistoryError
             If the database cannot be written; nothing is changed then.
         """
@@ -515,9 +515,9 @@ class RetiredWheels:
     def telemetry_arrived(
         self, spacecraft: str, wheel: str, window_end_ns: int | None = None
     ) -> RetirementEvent | None:
-        """Note samples or a window of a wheel; returns the event to be recorded if the wheel reappears by that.
+        """Report samples or a window of a wheel; returns the event to be recorded if a retired wheel reappears by that.
 
-        A window that was known when the wheel was retired is a repetition, and brings nothing back.
+        A window that was known when the wheel was retired is a repetition, and does not bring it back.
         """
         with self._lock:
             last = self._last.get((spacecraft, wheel))
@@ -529,7 +529,7 @@ class RetiredWheels:
             return self._keep(last.model_copy(update=changes))
 
     def record(self, events: Iterable[RetirementEvent]) -> None:
-        """Write down which wheels reappeared; of one that is not retired nothing is written.
+        """Write the events of wheels that reappeared; events of wheels that are not retired are ignored.
 
         Raises
         ------
@@ -546,7 +546,7 @@ class RetiredWheels:
 
 
 def _latest(session: Session) -> dict[tuple[str, str], RetirementEvent]:
-    """Return the last event of each wheel, as the database has it, by spacecraft and wheel."""
+    """Return the last event of each wheel in the database, by spacecraft and wheel."""
     last = select(func.max(WheelEventRow.id)).group_by(WheelEventRow.spacecraft, WheelEventRow.wheel)
     wanted = select(WheelEventRow).where(WheelEventRow.id.in_(last)).order_by(WheelEventRow.id)
     return {(row.spacecraft, row.wheel): _event(row) for row in session.scalars(wanted)}
