@@ -1,6 +1,6 @@
 """The health page: what the monitors of a fleet report, live and recorded, in a browser.
 
-In: messages of the bus, and the history. Out: the page (`static/`), REST, one WebSocket, metrics, …/health. Read
-`fleet.py` (the latest of each wheel), `feed.py` (what goes out, what comes in), `app.py` and
+Input: messages of the bus, and the history. Output: the page (`static/`), REST, one WebSocket, metrics, …/health. Read
+`fleet.py` (the latest messages of each wheel), `feed.py` (messages to the pages and from the bus), `app.py` and
 `server.py`.
 """

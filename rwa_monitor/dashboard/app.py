@@ -5,7 +5,7 @@ no other web page can reach a dashboard on this machine.
 
 Metrics are in the text exposition format of Prometheus, version 0.0.4
 (https://prometheus.io/docs/instrumenting/exposition_formats/): base units, names that end in their unit, counters that
-end in _total. What is not known is left out, rather than given as a number.
+end in _total. Unknown values are left out.
 """
 
 from __future__ import annotations
@@ -67,11 +67,11 @@ def metrics(fleet: Fleet, alarms: Sequence[AlarmRecord], clients: int, retired: 
     fleet
         All live wheels.
     alarms
-        All that are not closed.
+        All open alarms.
     clients
-        Pages that are open.
+        Number of open pages.
     retired
-        Spacecraft and wheel of retired wheels: of these there are no metrics.
+        Spacecraft and wheel of retired wheels, which have no metrics.
     """
     found = _Metrics()
     with fleet.lock:
@@ -93,13 +93,13 @@ def metrics(fleet: Fleet, alarms: Sequence[AlarmRecord], clients: int, retired: 
 
 
 class _Metrics(Collector):
-    """All metrics, in the order in which they are added first."""
+    """All metrics, in the order in which they were first added."""
 
     def __init__(self) -> None:
         self._families: dict[str, GaugeMetricFamily | CounterMetricFamily] = {}
 
     def add(self, name: str, about: str, value: float | None, **labels: str) -> None:
-        """Add a sample to the metric of a name, which is a counter where that ends in "_total"; None adds none."""
+        """Add a sample to a metric, which is a counter if its name ends in "_total"; a value of None adds none."""
         if value is None:
             return
         if name not in self._families:
@@ -112,7 +112,7 @@ class _Metrics(Collector):
 
 
 def _add_wheel(add: Callable[..., None], known: Wheel) -> None:
-    """Add the metrics of a wheel; `add` gives each its name."""
+    """Add the metrics of a wheel; `add` labels each with the wheel's name."""
     if known.diagnosis is not None:
         _add_diagnosis(add, known.diagnosis)
     if known.rhythm.wall_ns is not None:
@@ -183,7 +183,7 @@ HEADERS: Final = {
 }
 
 
-# ---- what the API gives or takes beside the bus's messages and the history's records ---------------------------------
+# ---- models of the API that are neither messages of the bus nor records of the history -------------------------------
 
 
 class _Shown(BaseModel):
@@ -301,9 +301,9 @@ class Refusal(_Shown):
 
 
 def create_app(api: Api, token: str, origin: str | None = None) -> FastAPI:
-    """Return the application, whose changes need a token; pages of another origin may read, if it is given.
+    """Return the application; changes need the token, and pages of `origin`, if given, may read.
 
-    The pages of FastAPI's documentation, which load scripts from elsewhere, are off.
+    FastAPI's documentation pages are off, as they load scripts from other sites.
     """
 
     @asynccontextmanager
@@ -362,9 +362,9 @@ def _add_routes(app: FastAPI, api: Api) -> None:
 
 
 class Guard:
-    """Refuses what another web page's script asks for, and changes without the token, before anything of it is read.
+    """Refuses requests of other web pages, and changes without the token, before their body is read.
 
-    It adds the headers that every answer has.
+    It adds `HEADERS` to every answer.
     """
 
     def __init__(self, app: ASGIApp, token: str, origin: str | None) -> None:
@@ -405,21 +405,23 @@ class Guard:
 
 
 class Api:
-    """The handlers. Those that are no coroutines run in threads of their own.
+    """The request handlers. FastAPI runs those that are not coroutines in a thread pool.
 
-    Answers are written as bytes, as they came or are kept: FastAPI describes them, and does not make them anew.
+    Answers are written as bytes from stored JSON: FastAPI documents them, but neither validates nor serialises them.
 
     Parameters
     ----------
-    fleet, notifier
-        What is shown and changed, and who reports it, with the history.
+    fleet
+        The live wheels.
+    notifier
+        Publishes changes of alarms; has the history.
     recordings
         Folder of the recordings, or None.
     """
 
     def __init__(self, fleet: Fleet, notifier: AlarmNotifier, recordings: Path | None) -> None:
         self._fleet, self._history, self.notifier, self._folder = fleet, notifier.history, notifier, recordings
-        self._earlier: dict[tuple[str, str], tuple[bytes, VerdictHistory]] = {}  # by what the latest window was
+        self._earlier: dict[tuple[str, str], tuple[bytes, VerdictHistory]] = {}  # with their latest diagnosis
 
     def _first_frame(self) -> str:
         first = [Received("dashboard/software", messages.dump_json({"software": SOFTWARE}), None)]
@@ -434,7 +436,7 @@ class Api:
         return _json(frame(self._snapshot()).encode())
 
     def _snapshot(self) -> list[Received]:
-        """Return what a page needs first: live wheels, those only of the history, the alarms, retired wheels."""
+        """Return the entries that a page needs first: live wheels, others of the history, alarms, retired wheels."""
         history, live = self._history, self._fleet.snapshot()
         known = {entry.key for entry in live}
         earlier = [
@@ -509,7 +511,7 @@ class Api:
         return _json(event.to_json())
 
     def _check_quiet(self, spacecraft: str, wheel: str) -> None:
-        """Refuse to retire a wheel that is unknown, or whose telemetry comes."""
+        """Refuse to retire a wheel that is unknown, or that still sends telemetry."""
         known = self._fleet.wheel(spacecraft, wheel)
         if known is None:
             if not self._history.windows(spacecraft, wheel, 1):
@@ -558,7 +560,7 @@ class Api:
         return JSONResponse({"error": "this is a WebSocket"}, 426)
 
     async def feed(self, socket: WebSocket) -> None:
-        """Serve one page until it leaves."""
+        """Serve one page until it disconnects."""
         await socket.accept()
         client = Client()
         self.notifier.hub.clients.add(client)
@@ -566,11 +568,11 @@ class Api:
         try:
             await socket.send_text(await run_in_threadpool(self._first_frame))
             sending = asyncio.create_task(_send(socket, client))
-            # The page asks for what it shows: {"watch": "spacecraft/wheel"}, of which it gets the samples.
+            # The page names the wheel that it shows, {"watch": "spacecraft/wheel"}, to get its samples.
             async for asked in socket.iter_json():
                 if isinstance(asked, dict):
                     client.watches = str(asked.get("watch", ""))
-        except (KeyError, ValueError):  # bytes, or a text that is none
+        except (KeyError, ValueError):  # bytes, or a text that is not JSON
             await socket.close(1003, "no JSON")
         finally:
             self.notifier.hub.clients.discard(client)
@@ -579,7 +581,7 @@ class Api:
 
 
 async def _send(socket: WebSocket, client: Client) -> None:
-    """Send what waits for a page until it has left, or is too slow."""
+    """Send a page's queued frames until it disconnects, or is too slow."""
     with suppress(WebSocketDisconnect, RuntimeError):
         while (text := await client.frames.get()) is not None:
             await socket.send_text(text)
@@ -595,7 +597,7 @@ def _list(listed: Iterable[Message]) -> Response:
 
 
 async def _refused(request: Request, error: Exception) -> Response:
-    """Answer a request that failed, as `Refusal`."""
+    """Answer a request that failed with a `Refusal`."""
     del request
     if isinstance(error, HTTPException):
         return JSONResponse({"error": error.detail}, error.status_code)

@@ -1,12 +1,12 @@
-"""The feed: what comes from the bus goes to every open page, in frames, over one WebSocket each.
+"""The feed: messages from the bus are sent to every open page, in frames, over one WebSocket each.
 
 A frame is a JSON array of entries {key, received_wall_ns, beside, message}; `message` follows the bus's schema of its
-key. What only the view of one wheel shows goes to the pages that show that wheel: samples, changepoints,
-the whole status. Of all other statuses a frame holds one pulse. A page that does not keep up is disconnected and
-connects again, rather than falling behind unnoticed.
+key. Samples, changepoints and complete statuses are sent only to the pages that show their wheel. All other statuses
+of a frame are summarised in one entry, the pulse. A page that does not keep up is disconnected and connects again,
+rather than falling behind unnoticed.
 
-What comes goes to the fleet, to the history and to the feed. A history that cannot be written just now holds nothing
-up: its windows wait, and are written when it can be again.
+Messages go to the fleet, to the history and to the feed. While the history cannot be written, its windows wait, and
+nothing else is delayed.
 """
 
 import asyncio
@@ -33,21 +33,21 @@ from rwa_monitor.samples import SECONDS_PER_HOUR
 from rwa_monitor.words import Log, time_text
 
 FRAME_PERIOD_S: Final = 0.1
-MAX_FRAMES: Final = 100  # that wait for one page
+MAX_FRAMES: Final = 100  # queued for one page
 BEAT_KEY: Final = "dashboard/beat"
 PULSE_KEY: Final = "dashboard/pulse"
 CLOSE_UP: Final = frozenset({"samples", "changepoints"})  # only for pages that show the wheel
 
 
 class Client:
-    """One open page: the frames that wait for it, and the wheel whose samples it shows."""
+    """One open page: the frames queued for it, and the wheel whose samples it shows."""
 
     def __init__(self) -> None:
         self.frames: asyncio.Queue[str | None] = asyncio.Queue(MAX_FRAMES)
         self.watches = ""
 
     def put(self, frame: str) -> None:
-        """Queue a frame, or disconnect the page."""
+        """Queue a frame, or disconnect the page if its queue is full."""
         try:
             self.frames.put_nowait(frame)
         except asyncio.QueueFull:
@@ -57,16 +57,16 @@ class Client:
 
 
 class Hub:
-    """Gathers what comes and hands it out. Everything but `post` and `notes` belongs to the event loop."""
+    """Collects entries and sends them to pages. Other threads use `post`, `watched`, `notes`, `len(clients)` only."""
 
     def __init__(self) -> None:
         self.clients: set[Client] = set()
-        # What is wrong with the dashboard itself, in words, by what it is; "" where nothing is.
+        # Troubles of the dashboard itself, a sentence each, by the part affected; "" where there is none.
         self.notes = {"bus": "", "history": ""}
         self._posted: deque[Received] = deque(maxlen=MAX_WAITING)  # its appends are atomic
 
     def post(self, received: Received) -> None:
-        """Take a message, from any thread; it is dropped while no page is open."""
+        """Add an entry, from any thread; it is dropped while no page is open."""
         if self.clients:
             self._posted.append(received)
 
@@ -83,13 +83,13 @@ class Hub:
             now = clock()
             entries: list[Received] = []
             if now >= beat_due:
-                beat_due = now + PERIOD_S  # a page without a beat for some seconds takes the server for gone
+                beat_due = now + PERIOD_S  # a page without a beat for some seconds reports that the server is gone
                 beat = messages.dump_json({"wall_ns": time.time_ns(), "notes": [*filter(None, self.notes.values())]})
                 entries.append(Received(BEAT_KEY, beat, time.time_ns()))
             self._hand_out(entries)
 
     def _hand_out(self, entries: list[Received]) -> None:
-        """Hand out what has been gathered, behind these entries."""
+        """Send the collected entries to the pages, after these."""
         statuses: dict[str, Received] = {}
         close_up: list[Received] = []
         for _ in range(len(self._posted)):
@@ -101,7 +101,7 @@ class Hub:
             else:
                 entries.append(received)
         entries += pulse(statuses.values())
-        frames: dict[str, str] = {}  # pages that show the same get the same
+        frames: dict[str, str] = {}  # by the wheel shown: pages that show the same one get the same frame
         for client in tuple(self.clients):
             watches = client.watches
             if watches not in frames:
@@ -113,7 +113,7 @@ class Hub:
 
 
 def pulse(statuses: Iterable[Received]) -> list[Received]:
-    """Return what several statuses come to in brief, as one entry; none of none."""
+    """Return the brief forms of several statuses as one entry; no entry for no status."""
     beats = b",".join(b'"%b":%b' % (one.wheel.encode(), one.brief) for one in statuses)
     return [Received(PULSE_KEY, b"{" + beats + b"}", time.time_ns())] if beats else []
 
@@ -128,15 +128,15 @@ def array_json(parts: Iterable[bytes]) -> bytes:
     return b"[" + b",".join(parts) + b"]"
 
 
-# ---- alarms on their way out -----------------------------------------------------------------------------------------
+# ---- publication of alarms -------------------------------------------------------------------------------------------
 
 
 class AlarmNotifier:
-    """Reports changes of alarms, to the pages and in …/health, for which it answers; use it with `with`, in any thread.
+    """Publishes changes of alarms to the pages and in …/health; use it with `with`, in any thread.
 
-    The monitor publishes a wheel's health at each window's close. How many windows in a row were bad, and who has
-    acknowledged what, only the dashboard has. So at each change of an alarm the dashboard publishes the health again,
-    with the state of all alarms. Both answer queries on rwa/**/health.
+    The monitor publishes a wheel's health when a window closes. The states of alarms, and who has acknowledged them,
+    only the dashboard has. So at each change of an alarm the dashboard publishes the health again, with the states of
+    all alarms. Both answer queries on rwa/**/health.
 
     Parameters
     ----------
@@ -163,16 +163,16 @@ class AlarmNotifier:
         return self
 
     def __exit__(self, *error: object) -> None:
-        with suppress(zenoh.ZError):  # the session may have been closed under us
+        with suppress(zenoh.ZError):  # the session may have been closed already
             self._queryable.undeclare()
 
     def publish(self, *alarms: AlarmRecord) -> None:
-        """Report changes of alarms to the pages, and on the bus in the health of each wheel that has a window.
+        """Publish changes of alarms to the pages, and on the bus in the health of each wheel that has a window.
 
         Raises
         ------
         HistoryError
-            If the history cannot be read; the pages have them then.
+            If the history cannot be read; the changes have been sent to the pages then.
         """
         for alarm in alarms:
             self.hub.post(record_entry(alarm, "alarm"))
@@ -180,11 +180,11 @@ class AlarmNotifier:
             self._publish_health(*name)
 
     def _publish_health(self, spacecraft: str, wheel: str) -> None:
-        """Publish the health of a wheel: its latest diagnosis, and all its alarms that are not closed.
+        """Publish the health of a wheel: its latest diagnosis, and all its open alarms.
 
-        Of all wheels of a spacecraft there is no diagnosis, only what they share.
+        For all wheels of a spacecraft together there is no diagnosis, only their common alarms.
         """
-        with self._publishing:  # else what was read before a change could be published after it
+        with self._publishing:  # else a state read before a change could be published after it
             latest, records = self.history.windows(spacecraft, wheel, 1), self.history.open_alarms(spacecraft, wheel)
             if latest:
                 health = messages.health_message(latest[0])
@@ -195,12 +195,12 @@ class AlarmNotifier:
             health = health.model_copy(update={"alarm_states": states(records)})
             message = health.encoded(spacecraft, wheel)
             timestamp = self._health.stamp(message)
-            with suppress(zenoh.ZError):  # the session is closed; a later query is answered
+            with suppress(zenoh.ZError):  # the session is closed
                 self.session.put(message.topic, message.payload, encoding=message.encoding, timestamp=timestamp)
 
 
 def shared_health(spacecraft: str, alarms: Sequence[AlarmRecord]) -> Health:
-    """Return the health of what all wheels of a spacecraft share, by its open alarms."""
+    """Return the health of all wheels of a spacecraft together, from their common open alarms."""
     raised = [alarm for alarm in alarms if alarm.level != "normal"]
     return Health(
         spacecraft=spacecraft,
@@ -214,40 +214,40 @@ def shared_health(spacecraft: str, alarms: Sequence[AlarmRecord]) -> Health:
 
 
 def states(alarms: Iterable[AlarmRecord]) -> dict[str, HealthAlarm]:
-    """Return open alarms of a wheel, by name, as the health message has them."""
+    """Return open alarms of a wheel, by name, in the form of the health message."""
     found = {}
     for alarm in alarms:
         if alarm.name.endswith(STORED_ALARM):
-            continue  # it is of earlier, and health of now
+            continue  # it is about the past, health about the present
         seen = [line.person for line in alarm.trail if line.event == "acknowledged"]
         by = seen[-1] if seen and alarm.phase == "acknowledged" else None
         found[alarm.name] = HealthAlarm(level=alarm.level, phase=alarm.phase, acknowledged_by=by)
     return found
 
 
-# ---- messages on their way in ----------------------------------------------------------------------------------------
+# ---- messages from the bus -------------------------------------------------------------------------------------------
 
 
 MAX_WAITING: Final = 10_000  # entries that wait for a frame, and windows that wait for the history
-BATCH: Final = 100  # windows, or reports of monitors, of one transaction: alarms of a thousand wheels take some seconds
-# Silence of a monitor that is an alarm: a restart takes some seconds, and one that diagnoses many wheels at once may be
-# late by as many.
+BATCH: Final = 100  # windows, or monitor states, in one transaction: alarms of a thousand wheels take some seconds
+# Silence from which a monitor raises an alarm: a restart takes some seconds, and a monitor that diagnoses many wheels
+# at once may be late by some seconds, too.
 SILENT_S: Final = 30 * PERIOD_S
 
 
 class Listener(BusThread):
-    """From the bus into the dashboard.
+    """Receives messages of the bus for the dashboard.
 
     Parameters
     ----------
     fleet, notifier
-        Where messages go; those of the notifier's session go into its history, too.
+        Messages go to the fleet, and to the notifier's history and pages; they come from the notifier's session.
     log
-        Takes lines of the log.
+        Called with each line of the log.
     bus
-        What the session was opened with.
+        Options that the session was opened with.
     silent_s
-        Silence from which a wheel's monitor is an alarm [s]; 0 for none.
+        Silence from which a wheel's monitor raises an alarm [s]; 0 for none.
 
     Raises
     ------
@@ -259,7 +259,7 @@ class Listener(BusThread):
         self.fleet, self.log = fleet, log
         self.notifier, self.hub, self.history = notifier, notifier.hub, notifier.history
         self._waiting: deque[Diagnosis | Discrepancy | RetirementEvent] = deque(maxlen=MAX_WAITING)
-        # Windows whose samples were old by the clock when they came.
+        # Windows whose samples were old by the clock when they arrived.
         self._late: deque[tuple[str, str, int]] = deque(maxlen=MAX_WAITING)
         self._retry_due_s = 0.0
         self._check_due_s = self._prune_due_s = 0.0
@@ -268,14 +268,14 @@ class Listener(BusThread):
         super().__init__(notifier.session, "dashboard listener", KEYS)
 
     def on_idle(self) -> None:
-        """Do what is due by the clock: store what could not be stored, check database and bus."""
+        """Do what is due by the clock: store waiting windows, check monitors, bus and database."""
         now_s = time.monotonic()
         check_is_due = now_s >= self._check_due_s
         if check_is_due:
             self._check_due_s = now_s + PERIOD_S
             trouble = self._watch.trouble()
             self.hub.notes["bus"] = trouble
-            if now_s >= self._retry_due_s:  # before what may take long: here all that has come so far is read
+            if now_s >= self._retry_due_s:  # before storing, which may take long: all messages so far have been read
                 self._report_monitors(trouble)
         if self._waiting and now_s >= self._retry_due_s:
             self._store()
@@ -286,7 +286,7 @@ class Listener(BusThread):
             self._use_history(self.history.prune)
 
     def _report_monitors(self, trouble: str) -> None:
-        """Write down which monitors report and which do not any more, and report the alarms that it makes."""
+        """Store which monitors report and which are silent, and publish the alarms that this changes."""
         changes = self._monitors.changes(self.history.retired.names(), trouble)[:BATCH]  # the others later
 
         def write() -> None:
@@ -298,12 +298,12 @@ class Listener(BusThread):
             self._use_history(write)
 
     def _show_others(self) -> None:
-        """Show what other dashboards on the same history did on the list of wheels."""
+        """Show which wheels other dashboards on the same history have retired or brought back."""
         for event in self.history.retired.refresh():
             self.hub.post(record_entry(event, "retirement"))
 
     def _use_history(self, work: Callable[[], object]) -> bool:
-        """Do something with the history, and log it where it cannot be used."""
+        """Do something with the history, and log and show the error if that fails; return whether it succeeded."""
         try:
             work()
         except HistoryError as error:
@@ -316,7 +316,7 @@ class Listener(BusThread):
         return True
 
     def receive(self, key: str, payload: bytes) -> None:
-        """Pass on one message; one that is none of ours is dropped."""
+        """Process one message; one that cannot be parsed is dropped."""
         if len(self._waiting) >= BATCH:
             self.on_idle()
         try:
@@ -346,11 +346,11 @@ class Listener(BusThread):
             self._telemetry_arrived(spacecraft, wheel, message.window_end_ns)
         elif isinstance(message, Status) and not replayed:
             self._monitors.take_status(spacecraft, wheel, message.last_sample_ns)
-            # The first status does not show how old its sample is.
+            # The first status does not tell how old its sample is.
             if known.status is not None and message.last_sample_ns not in {None, known.status.last_sample_ns}:
                 self._telemetry_arrived(spacecraft, wheel)
         self.hub.post(self.fleet.take(known, message, Received(key, message.model_dump_json().encode(), wall_ns)))
-        # Nothing of a replay goes into the history.
+        # Replays are not stored in the history.
         if isinstance(message, Diagnosis | Discrepancy) and not replayed:
             self._waiting.append(message)
 
@@ -360,15 +360,15 @@ class Listener(BusThread):
         if not wheel.endswith(messages.REPLAY):
             self._monitors.expect(spacecraft, wheel)
         elif message.time_ns[0] < known.decimated.last_ns:
-            known = self.fleet.begin(spacecraft, wheel, []) or known  # a replay that begins from the start
+            known = self.fleet.begin(spacecraft, wheel, []) or known  # a replay that starts again
         if message.data == "stored":
-            return  # the picture, and the rhythm in which samples come, are of now
+            return  # plots and message intervals are of live samples only
         picked = self.fleet.take_samples(known, message.samples(), wall_ns)
         if len(picked) and self.hub.watched(f"{spacecraft}/{wheel}"):
             self.hub.post(Received(key, thinned_json(picked), wall_ns))
 
     def _telemetry_arrived(self, spacecraft: str, wheel: str, window_end_ns: int | None = None) -> None:
-        """Bring a retired wheel back to the list, and have it written down."""
+        """Bring a wheel back to the list if it is retired, and queue the event for the history."""
         event = self.history.retired.telemetry_arrived(spacecraft, wheel, window_end_ns)
         if event is not None:
             self.hub.post(record_entry(event, "retirement"))
@@ -380,17 +380,17 @@ class Listener(BusThread):
         if known is not None:
             return known
         earlier: list[Diagnosis] = []
-        with suppress(HistoryError):  # shown without them, too; `_store` reports a history that cannot be used
+        with suppress(HistoryError):  # then without earlier windows; `_store` reports the error
             earlier = self.history.windows(spacecraft, wheel, REMEMBERED)
         return self.fleet.begin(spacecraft, wheel, earlier)
 
     def _store(self) -> None:
-        """Write what waits into the history, and report alarms that changed."""
+        """Write waiting messages to the history, and publish changes of alarms."""
         while self._waiting and self._use_history(self._store_some):
             pass
 
     def _store_some(self) -> None:
-        """Store windows together: to bring one to the disk takes as long as to bring a hundred."""
+        """Store waiting windows in one transaction: flushing one to the disk takes as long as flushing a hundred."""
         some = list(itertools.islice(self._waiting, BATCH))
         diagnoses = [message for message in some if isinstance(message, Diagnosis)]
         self.history.retired.record(message for message in some if isinstance(message, RetirementEvent))
@@ -402,14 +402,14 @@ class Listener(BusThread):
         self.notifier.publish(*changed)
 
 
-# ---- which monitors report -------------------------------------------------------------------------------------------
+# ---- watch on the monitors -------------------------------------------------------------------------------------------
 
 
 @dataclass(slots=True)
 class _Monitor:
-    """The monitor of one wheel; `written` is what the history holds of its silence, None: nothing.
+    """The monitor of one wheel; `written` is its silence as stored in the history, None if nothing is stored.
 
-    `last_s`, and `since` in words, are when it reported last, or before its first status when the wait for it began.
+    `last_s`, and `since` in words, are the time of its last status, or before the first when waiting for it began.
     """
 
     last_s: float
@@ -420,21 +420,21 @@ class _Monitor:
 
 
 class MonitorWatch:
-    """Which wheels have a monitor that reports: one that does not any more is an alarm of its own.
+    """Watches which wheels have a monitor that reports; a silent one raises an alarm.
 
     A monitor publishes the status of each of its wheels once a second. It is expected from its first status on, also by
-    a dashboard that is started after it died: the history keeps which wheels ever had one. It is expected, too, where
-    samples come: with `run --wheels` and `--shard` a wheel may have no monitor. Silence is measured on a clock that
-    only goes forward, from this dashboard's start at the earliest.
+    a dashboard that is started after it died: the history keeps which wheels ever had one. It is also expected where
+    samples arrive: with `run --wheels` and `--shard` a wheel may have no monitor. Silence is measured on a monotonic
+    clock, from this dashboard's start at the earliest.
 
     Parameters
     ----------
     silent_s
-        Silence from which it is an alarm [s]; 0 for none.
+        Silence from which a monitor raises an alarm [s]; 0 for none.
     expected
-        Wheels, by spacecraft and name, whose monitor is in the history, and whether its alarm is up.
+        Wheels, by spacecraft and name, whose monitor is in the history, and whether its alarm is raised.
     clock_s, wall_ns
-        A clock that only goes forward [s], and this machine's [ns].
+        A monotonic clock [s], and this machine's wall clock [ns].
     """
 
     def __init__(
@@ -450,26 +450,26 @@ class MonitorWatch:
         self._monitors = {name: _Monitor(clock_s(), since, written=alarmed) for name, alarmed in expected.items()}
 
     def take_status(self, spacecraft: str, wheel: str, time_ns: int | None) -> None:
-        """Note a status of a wheel's monitor, and the time of the wheel's latest sample [ns], if it has one."""
+        """Register a status of a wheel's monitor, and the time of the wheel's latest sample [ns], if it has one."""
         known = self._monitors.setdefault((spacecraft, wheel), _Monitor(0.0, ""))
         known.last_s, known.since, known.has_reported = self._clock_s(), time_text(self._wall_ns()), True
         known.time_ns = known.time_ns if time_ns is None else time_ns
 
     def expect(self, spacecraft: str, wheel: str) -> None:
-        """Note that samples of a wheel came: it should have a monitor."""
+        """Register that samples of a wheel arrived: it should have a monitor."""
         if (spacecraft, wheel) not in self._monitors:
             since = f"samples of this wheel came first, at {time_text(self._wall_ns())}"
             self._monitors[spacecraft, wheel] = _Monitor(self._clock_s(), since)
 
     def changes(self, retired: Collection[tuple[str, str]], trouble: str) -> list[MonitorState]:
-        """Return what the history does not hold yet: monitors that report, and those that do not any more.
+        """Return the monitors whose state, reporting or silent, differs from that in the history.
 
         Parameters
         ----------
         retired
             Wheels whose monitors are no longer expected.
         trouble
-            What is wrong with the dashboard's own connection, in words; "" where nothing is.
+            A sentence on what is wrong with the dashboard's own connection; "" where nothing is.
         """
         if not self._silent_s:
             return []
@@ -479,13 +479,13 @@ class MonitorWatch:
             silence_s = now_s - one.last_s
             silent = silence_s > self._silent_s
             if not silent and not one.has_reported:
-                continue  # expected, without a status yet: what is written stands
+                continue  # expected, without a status yet: the stored state remains
             if silent != one.written and not (silent and name in retired):
                 reason = f"No monitor has reported since {one.since}: {silence_s:.0f} s and longer. {trouble}".rstrip()
                 found.append(MonitorState(*name, silent, one.time_ns, reason if silent else ""))
         return found
 
     def written(self, states: Iterable[MonitorState]) -> None:
-        """Note that the history holds this now."""
+        """Register that the history holds these states."""
         for state in states:
             self._monitors[state.spacecraft, state.wheel].written = state.silent

@@ -1,4 +1,4 @@
-"""The state of the fleet just now: the latest message of each kind of each wheel, in memory."""
+"""The current state of the fleet: the latest message of each kind of each wheel, in memory."""
 
 import time
 from collections import deque
@@ -19,35 +19,35 @@ from rwa_monitor.wheel.torque_balance import half_width, mended_friction, motor_
 from rwa_monitor.wheel.wheel import Wheel as WheelConstants
 
 KEYS: Final = "rwa/*/*/*"  # on the bus
-MAX_PROVISIONAL: Final = 200  # changepoints of a running window that are kept
-REMEMBERED: Final = 50  # windows that a verdict history is begun with
+MAX_PROVISIONAL: Final = 200  # changepoints of an open window that are kept
+REMEMBERED: Final = 50  # windows that a verdict history keeps, and is initialised with
 
 
-# ---- samples on their way to the page: friction where it is derived, their rhythm ------------------------------------
+# ---- samples for the page: derived friction, and the intervals between messages --------------------------------------
 
 
-SPARSEST: Final = 8  # slots per sample up to which a stretch is laid on the slot grid
+SPARSEST: Final = 8  # slots per sample up to which samples are assigned to the slot grid
 LEAST_STALE_S: Final = 10.0
-FIRST_STALE_S: Final = 60.0  # while nothing is known of the rhythm
-RHYTHMS: Final = 8  # messages whose intervals are looked at
-FASTEST: Final = 2_000.0  # times real time: what comes faster is read out of a memory, and is no rhythm
+FIRST_STALE_S: Final = 60.0  # until the first message
+RHYTHMS: Final = 8  # intervals between messages that are kept
+FASTEST: Final = 2_000.0  # times real time: messages at shorter intervals are from a history, and do not count
 
 
 class DerivedFriction:
-    """Gives samples a friction torque where they have none: from motor torque or current, with the wheel's constants.
+    """Derives the friction torque of samples without one from motor torque or current, with the wheel's constants.
 
-    The derivative needs some slots on either side, so that samples leave as much later; samples that hold a friction
-    torque, and those from which none can be derived, pass as they are.
+    The derivative needs some slots on either side, so that samples are returned with that delay; samples that have a
+    friction torque, and those from which none can be derived, are returned as they are.
     """
 
     def __init__(self, wheel: WheelConstants) -> None:
         self.wheel = wheel
         self._half = half_width(wheel.friction.derivative, wheel.sample_period_s)
         self._tail: Samples | None = None
-        self._left_ns = -1  # time of the last sample that has left
+        self._left_ns = -1  # time of the last sample that was returned
 
     def add(self, samples: Samples) -> Samples:
-        """Take samples in; return those whose friction is known now."""
+        """Add samples; return those whose friction is known now."""
         torque = motor_torque(samples, self.wheel)
         if samples.friction_torque_Nm is not None or torque is None or self.wheel.inertia_kg_m2 is None:
             return samples
@@ -75,17 +75,17 @@ class DerivedFriction:
 
 
 def _on_grid(slots: IntArray, values: NDArray[np.floating[Any]]) -> FloatArray:
-    """Return values at their slots, NaN where there is none between."""
+    """Return values on the slot grid, NaN in slots without one."""
     grid = np.full(int(slots.max()) + 1, np.nan)
     grid[slots] = values
     return grid
 
 
 class Rhythm:
-    """When a wheel's samples came last, and how long it takes to call them stale, by this machine's clock.
+    """When a wheel's samples last arrived, and after what time they are stale, by this machine's clock.
 
-    Telemetry comes every second, every half minute, or once in a pass: late is what is late for this wheel. Until its
-    rhythm is known, a message is expected when the time that it spans has passed again.
+    Telemetry may arrive every second, every half minute, or once in a pass: the limit follows from the wheel's own
+    intervals. Until enough are known, the next message is expected after the time that the latest one spans.
     """
 
     def __init__(self) -> None:
@@ -95,7 +95,7 @@ class Rhythm:
         self._intervals: deque[float] = deque(maxlen=RHYTHMS)
 
     def take_samples(self, time_ns: IntArray, wall_ns: int) -> None:
-        """Note a message of samples."""
+        """Register a message of samples."""
         self._span_s = float(time_ns[-1] - time_ns[0]) / NANOSECONDS_PER_SECOND
         if self.wall_ns is not None:
             interval_s = (wall_ns - self.wall_ns) / NANOSECONDS_PER_SECOND
@@ -104,9 +104,9 @@ class Rhythm:
         self.wall_ns = wall_ns
 
     def take_status(self, last_sample_ns: int | None, wall_ns: int) -> None:
-        """Note the latest sample of a status: where no samples are received, its progress stands for them.
+        """Register the latest sample of a status: its progress is used if no samples are received.
 
-        The first one begins the wait, as it does not show how old its sample is.
+        The first status starts the interval, as it does not tell how old its sample is.
         """
         goes_on = last_sample_ns is not None and last_sample_ns != self._last_sample_ns
         if self.wall_ns is None or (goes_on and not self._intervals):
@@ -115,26 +115,26 @@ class Rhythm:
 
     @property
     def stale_after_s(self) -> float:
-        """Silence after which the samples are no longer those of now [s]."""
+        """Silence after which the samples are stale [s]."""
         known = len(self._intervals) >= RHYTHMS // 2
         expected_s = max(self._intervals) if known else self._span_s
         return max(LEAST_STALE_S, messages.INTERVALS_TILL_LATE * expected_s)
 
     def shown(self) -> dict[str, float | None]:
-        """Return it as it goes with a status in the feed."""
+        """Return the content of `beside` of a status in the feed."""
         return {"wall_ns": self.wall_ns, "stale_after_s": round(self.stale_after_s, 3)}
 
 
-# ---- samples thinned for a picture -----------------------------------------------------------------------------------
+# ---- samples decimated for plots -------------------------------------------------------------------------------------
 
 
-MAX_POINTS: Final = 6_000  # a screen is some 1,500 pixels wide, and a picture spans up to two windows
+MAX_POINTS: Final = 6_000  # a screen is some 1,500 pixels wide, and a plot spans up to two windows
 
 
 class DecimatedSamples:
-    """The latest samples of one wheel, every `stride`-th of them; the stride doubles where they span too long a time.
+    """The latest samples of one wheel, every `stride`-th of them; the stride doubles when they are too many.
 
-    Samples are picked, not averaged: noise looks as it is. What lies before `keep_from` may be dropped.
+    Samples are decimated, not averaged, so that plots show the noise. Samples before `keep_from` are dropped.
     """
 
     def __init__(self) -> None:
@@ -143,7 +143,7 @@ class DecimatedSamples:
         self._kept = _shown(Samples(np.zeros(0, dtype=np.int64), np.zeros(0)))
 
     def add(self, samples: Samples) -> Samples:
-        """Take samples in; returns those that were picked, as they are shown."""
+        """Add samples; returns those that were picked, in the form that is shown."""
         picked = _shown(samples[self._phase :: self.stride])
         self._phase = (self._phase - len(samples)) % self.stride
         self._kept = concatenate([self._kept, picked])
@@ -157,7 +157,7 @@ class DecimatedSamples:
         return int(self._kept.time_ns[-1]) if len(self._kept) else -1
 
     def keep_from(self, time_ns: int) -> None:
-        """Drop what is older than a time; the stride is small again where there is room for it."""
+        """Drop samples before a time; the stride doubles if more than half of `MAX_POINTS` remain."""
         self._kept = self._kept[self._kept.time_ns >= time_ns]
         if len(self._kept) > MAX_POINTS // 2:
             self._thin()
@@ -168,7 +168,7 @@ class DecimatedSamples:
         self._kept = self._kept[::2]
 
     def message(self) -> bytes:
-        """Return the samples as the JSON of a `SamplesMessage`, "null" where it is empty."""
+        """Return the samples as the JSON of a `SamplesMessage`, "null" where there are none."""
         return thinned_json(self._kept) if len(self._kept) else b"null"
 
 
@@ -180,7 +180,7 @@ def thinned_json(picked: Samples) -> bytes:
 
 
 def _shown(samples: Samples) -> Samples:
-    """Return time, speed, friction and bearing temperature of samples, NaN where one was not measured."""
+    """Return time, speed, friction and bearing temperature of samples, NaN where not measured."""
     speed, friction = np.round(samples.speed_rad_s, 9), np.round(_known(samples.friction_torque_Nm, len(samples)), 9)
     warmth = _known(samples.bearing_temperature_degC, len(samples))
     return Samples(samples.time_ns, speed, friction, bearing_temperature_degC=warmth)
@@ -197,8 +197,9 @@ def _known(values: FloatArray | None, count: int) -> FloatArray:
 class Received(NamedTuple):
     """A message in JSON, its key, and when it was received [ns, this machine's clock; None: from the history].
 
-    `beside` is what the dashboard adds, as JSON: to a status, when samples came last (`Rhythm`); to a diagnosis, what
-    earlier windows show (`VerdictHistory`). `brief` is the part for pages that do not show this wheel, "" for all.
+    `beside` is JSON that the dashboard adds: to a status, when samples last arrived (`Rhythm`); to a diagnosis, since
+    when its verdict holds (`VerdictHistory`). `brief` is a short form for pages that do not show this wheel, empty if
+    all pages get the message.
     """
 
     key: str
@@ -209,11 +210,11 @@ class Received(NamedTuple):
 
     @property
     def wheel(self) -> str:
-        """Spacecraft and wheel, as the page names them."""
+        """Spacecraft and wheel, as "spacecraft/wheel"."""
         return self.key.split("/", 1)[1].rpartition("/")[0]
 
     def to_json(self) -> bytes:
-        """Return it as an entry of the feed."""
+        """Return the message as an entry of the feed."""
         wall = b"null" if self.wall_ns is None else str(self.wall_ns).encode()
         head = b'{"key":"' + self.key.encode() + b'","received_wall_ns":' + wall + b',"beside":' + self.beside
         return head + b',"message":' + self.payload + b"}"
@@ -226,14 +227,14 @@ def record_entry(record: AlarmRecord | RetirementEvent, kind: str) -> Received:
 
 @dataclass(slots=True)
 class VerdictHistory:
-    """Since when a wheel has its present verdict.
+    """Since when a wheel has its current verdict.
 
     Attributes
     ----------
     since_ns
-        Beginning of the first of the windows in a row with the present verdict [ns, wheel's clock].
+        Beginning of the first of the successive windows with the current verdict [ns, wheel's clock].
     windows
-        How many these are.
+        Number of these windows.
     recent
         End [ns, wheel's clock], verdict, whether the friction model fits, and worst severity of the latest windows, the
         oldest first.
@@ -244,7 +245,7 @@ class VerdictHistory:
     recent: deque[tuple[int, str, bool, float]] = field(default_factory=lambda: deque(maxlen=REMEMBERED))
 
     def extend(self, diagnoses: Iterable[Diagnosis]) -> None:
-        """Take in windows, the oldest first; one that is not later than the last one changes nothing."""
+        """Add windows, the oldest first; one that is not later than the last one is ignored."""
         for window in diagnoses:
             last_ns, verdict, *_ = self.recent[-1] if self.recent else (None, None)
             if last_ns is not None and window.window_end_ns <= last_ns:
@@ -256,13 +257,13 @@ class VerdictHistory:
             self.recent.append((window.window_end_ns, window.verdict, window.model_adequate, severity))
 
     def to_json(self) -> bytes:
-        """Return it as it goes with a diagnosis in the feed."""
+        """Return the content of `beside` of a diagnosis in the feed."""
         return messages.dump_json({"since_ns": self.since_ns, "windows": self.windows})
 
 
 @dataclass(slots=True)
 class Wheel:
-    """What is known of one wheel; `latest` holds the last message of each kind."""
+    """The state of one wheel; `latest` holds the last message of each kind."""
 
     derived: DerivedFriction
     latest: dict[str, Received] = field(default_factory=dict)
@@ -280,7 +281,7 @@ class Fleet:
     Parameters
     ----------
     setup
-        Has the constants of the wheels, for friction that is derived from current; None: the built-in wheel's.
+        Has the constants of the wheels, to derive friction from current; None for the built-in wheel's.
     """
 
     def __init__(self, setup: Setup | None = None) -> None:
@@ -294,7 +295,7 @@ class Fleet:
             return self._wheels.get((spacecraft, wheel))
 
     def begin(self, spacecraft: str, wheel: str, earlier: list[Diagnosis]) -> Wheel | None:
-        """Return a wheel, known from now on with its earlier windows alone; None where there are too many."""
+        """Add a wheel, or reset it, with its earlier windows; None where there are too many wheels."""
         with self.lock:
             if len(self._wheels) >= messages.MAX_WHEELS:
                 return None
@@ -304,11 +305,11 @@ class Fleet:
             return known
 
     def wheels(self) -> list[tuple[str, str, Wheel]]:
-        """Return all wheels with their names, sorted; to be looked at while the lock is held."""
+        """Return all wheels with their names, sorted; the caller must hold the lock while it reads them."""
         return [(*name, self._wheels[name]) for name in sorted(self._wheels)]
 
     def take(self, wheel: Wheel, message: Message, received: Received) -> Received:
-        """Bring a message into the picture of its wheel; returns it as it is shown."""
+        """Update the state of a wheel with a message; returns the message in the form that is shown."""
         with self.lock:
             match message:
                 case Discrepancy():
@@ -333,12 +334,12 @@ class Fleet:
                     wheel.latest[Diagnosis.kind] = received
                     wheel.diagnosis = message
                     wheel.provisional.clear()
-                    # The picture spans this window and as much before it.
+                    # Plots span this window and as much time before it.
                     wheel.decimated.keep_from(2 * message.window_start_ns - message.window_end_ns)
             return received
 
     def take_samples(self, wheel: Wheel, samples: Samples, wall_ns: int) -> Samples:
-        """Bring samples into the picture; returns those that are picked for it."""
+        """Add samples to the plots of a wheel; returns those that are picked for them."""
         with self.lock:
             wheel.rhythm.take_samples(samples.time_ns, wall_ns)
             return wheel.decimated.add(wheel.derived.add(samples))
@@ -351,7 +352,7 @@ class Fleet:
 
 
 def _refused(status: Status) -> str | None:
-    """Return why a wheel of which no message could be used has none; None where one was, or none has come."""
+    """Return why all messages of a wheel were refused; None where one was not, or none has arrived."""
     if status.samples_received or not status.messages_rejected:
         return None
     return status.last_error or "the monitor gives no reason"
