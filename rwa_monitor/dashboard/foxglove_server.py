@@ -1,4 +1,4 @@
-"""Serves the bus to Foxglove, live, through foxglove-sdk: the topics that `rwa-monitor foxglove` writes."""
+"""Serves messages of the bus live to Foxglove, by foxglove-sdk, on the topics that `rwa-monitor foxglove` writes."""
 
 from typing import Final
 
@@ -15,21 +15,21 @@ from rwa_monitor.reporting.foxglove import LOG_SCHEMA, Translator, schemas
 from rwa_monitor.words import SOFTWARE
 
 HOST: Final = "127.0.0.1"
-MAX_TOPICS: Final = 50_000  # of a thousand wheels some ten thousand; those of more are not shown
-BACKLOG: Final = 16_384  # messages that wait for a client that is slow; a batch of telemetry is some hundred
+MAX_TOPICS: Final = 50_000  # further ones are not shown; a thousand wheels have some ten thousand
+BACKLOG: Final = 16_384  # messages queued for a slow client; a batch of telemetry is some hundred
 
 
 class FoxgloveServer(BusThread, ServerListener):
-    """Serves Foxglove on loopback. It only sends: nothing from a client is used.
+    """Serves Foxglove on loopback. It only sends: data from clients is not used.
 
-    Whoever subscribes to a topic gets its latest message at once, as a diagnosis comes every few minutes only.
+    A client that subscribes to a topic gets its latest message at once, as diagnoses come minutes or hours apart.
 
     Parameters
     ----------
     session
         An open Zenoh session; it is left open.
     port
-        0 for any that is free.
+        On loopback; 0 for any free port.
 
     Raises
     ------
@@ -59,7 +59,7 @@ class FoxgloveServer(BusThread, ServerListener):
 
     @property
     def address(self) -> str:
-        """Where Foxglove connects to."""
+        """The address that Foxglove connects to."""
         return f"ws://{HOST}:{self._server.port}"
 
     def __exit__(self, *error: object) -> None:
@@ -88,8 +88,8 @@ class FoxgloveServer(BusThread, ServerListener):
     def on_subscribe(self, client: Client, channel: ChannelView) -> None:
         """Send a topic's latest message again; called in the server's threads.
 
-        All of the topic's clients get it: the SDK does not name the new one. For a value that changes nothing; a
-        line of the log would stand there twice, and is left out.
+        It goes to all clients of the topic, as the SDK cannot address the new one. A repeated value is harmless; lines
+        of the log would appear twice, and are not repeated.
         """
         del client
         kept = self._latest.get(channel.topic)

@@ -1,4 +1,4 @@
-"""Recordings for the page: which there are, and one of them as the entries that the feed would have had."""
+"""Recordings for the page: the list of them, and the content of one as entries of the feed."""
 
 from collections import Counter
 from collections.abc import Iterator
@@ -52,9 +52,9 @@ def list_recordings(folder: Path | None) -> list[RecordingFile]:
 
 @lru_cache(maxsize=10_000)
 def _file(path: Path, size_bytes: int, changed_wall_ns: int) -> RecordingFile:
-    """Return a recording as it is at this size and change; it is read once."""
+    """Return a recording's entry in the list; its times are read again only when its size or time stamp changes."""
     span = None
-    with suppress(InputError):  # it is listed, too, where it cannot be read
+    with suppress(InputError):  # an unreadable file is listed, too
         span = time_span(path)
     first_ns, last_ns = span or (None, None)
     return RecordingFile(
@@ -75,7 +75,7 @@ def replay_json(folder: Path | None, name: str) -> bytes:
     path = folder / name
     recording = read_recording(path)
     entries = list(_entries(recording))
-    # Reading stops at what is damaged; the page shows it.
+    # The page shows which parts are damaged.
     problems = messages.dump_json(recording.problems)
     return b'{"problems":' + problems + b',"entries":' + array_json(entries) + b"}"
 
@@ -91,7 +91,7 @@ def recorded_samples(folder: Path | None, window: Diagnosis) -> bytes:
     for entry in reversed(list_recordings(folder)):
         if entry.first_ns is None or entry.last_ns is None or entry.first_ns >= end_ns or entry.last_ns < start_ns:
             continue
-        with suppress(InputError):  # damaged, or too large: what others hold is shown
+        with suppress(InputError):  # damaged, or too large: the samples of the others are shown
             recording = read_recording((folder or Path()) / entry.name)
             setup = Setup.found_in(recording) or Setup()
             derived = DerivedFriction(setup.wheel(window.spacecraft, window.wheel))
@@ -105,7 +105,7 @@ def recorded_samples(folder: Path | None, window: Diagnosis) -> bytes:
 def latest_setup(folder: Path | None) -> Setup | None:
     """Return the setup of the latest recording of a folder that has one; None where there is none."""
     for entry in list_recordings(folder):
-        with suppress(InputError):  # damaged, or too large: an earlier one serves as well
+        with suppress(InputError):  # damaged, or too large: an earlier one is used
             recording = read_recording((folder or Path()) / entry.name)
             if (setup := Setup.found_in(recording)) is not None:
                 return setup
@@ -113,7 +113,7 @@ def latest_setup(folder: Path | None) -> Setup | None:
 
 
 def _entries(recording: Recording) -> Iterator[bytes]:
-    """Yield the entries {time_ns, key, message} that a page would have had, in the recording's order."""
+    """Yield the entries of the feed, with `time_ns`, for a recording's messages, in its order."""
     fleet = Fleet(Setup.found_in(recording))
     counts: Counter[str] = Counter()
     for message in recording.messages:
@@ -137,7 +137,7 @@ def _entries(recording: Recording) -> Iterator[bytes]:
         yield b'{"time_ns":%d,%b' % (message.time_ns, entry.to_json()[1:])
 
 
-# ---- into the history ------------------------------------------------------------------------------------------------
+# ---- import into the history -----------------------------------------------------------------------------------------
 
 
 def import_recordings(history: History, path: Path) -> tuple[int, int]:
@@ -146,9 +146,9 @@ def import_recordings(history: History, path: Path) -> tuple[int, int]:
     Raises
     ------
     InputError
-        If there is no recording there, or one holds a diagnosis that is none.
+        If there is no recording there, or one holds a message that cannot be parsed.
     HistoryError
-        If the database cannot be written; what was imported before stays.
+        If the database cannot be written; windows imported before remain.
     """
     windows = new = 0
     for recording in read_chain(path):

@@ -1,4 +1,4 @@
-"""Runs the dashboard: bus, history and web server, in threads beside whoever starts it."""
+"""Runs the dashboard: bus, history and web server, in threads of their own."""
 
 import re
 import secrets
@@ -35,24 +35,24 @@ class DashboardOptions(NamedTuple):
     Attributes
     ----------
     port
-        On loopback; 0 for any that is free; None for the usual one, or any where that is taken.
+        On loopback; 0 for any free port; None for the default one, or any free port if that is taken.
     record
-        Folder of the recordings. None: there are none.
+        Folder of the recordings; None for no recordings.
     wheel
-        Constants of the wheels, for friction that is derived from current; None: those of the latest recording in the
-        folder, the built-in wheel's where there is none.
+        Constants of the wheels, to derive friction from current; None for those of the latest recording in the folder,
+        or else of the built-in wheel.
     bus
-        What the session was opened with: the page shows when nobody that it should connect to can be reached.
+        Options that the session was opened with: the page shows if none of their endpoints can be reached.
     history
-        URL of a PostgreSQL database for the history; None: a file in the folder, in memory without one.
+        URL of a PostgreSQL database for the history; None for a file in the folder, or in memory without a folder.
     silent_s
-        Silence from which a wheel's monitor is an alarm [s]; 0 for none.
+        Silence from which a wheel's monitor raises an alarm [s]; 0 for none.
     foxglove
-        Port on loopback that Foxglove connects to, 0 for any that is free; None: none.
+        Port on loopback that Foxglove connects to, 0 for any free one; None for no server.
     allow_origin
-        Of pages elsewhere, "http://HOST:PORT", that may read; None: of none.
+        Origin, "http://HOST:PORT", of other pages that may read; None for no other.
     token
-        For changes; None makes a random one.
+        Required for changes; None for a random one.
     """
 
     port: int | None = None
@@ -72,7 +72,7 @@ class DashboardOptions(NamedTuple):
 
 
 class Running(NamedTuple):
-    """A dashboard that runs: its address, and the same with the token in it."""
+    """A running dashboard: its address without and with the token."""
 
     address: str
     address_with_token: str
@@ -85,9 +85,9 @@ def serve(options: DashboardOptions, session: zenoh.Session, log: Log = print) -
     Raises
     ------
     RwaMonitorError
-        If a port is taken, or foxglove-sdk is asked for and missing.
+        If a port is taken, or foxglove-sdk is needed and not installed.
     InputError
-        If the history cannot be opened, or what is given as an origin is none.
+        If the history cannot be opened, or the origin is not valid.
     """
     if options.allow_origin and not re.fullmatch(r"https?://[^/\s*]+", options.allow_origin):
         raise InputError("--allow-origin", f"{options.allow_origin!r} is no origin, such as http://127.0.0.1:8080")
@@ -103,7 +103,7 @@ def serve(options: DashboardOptions, session: zenoh.Session, log: Log = print) -
             log_level="error",
             ws="websockets-sansio",
             ws_max_size=4096,
-            ws_per_message_deflate=False,  # on loopback it would cost more than it saves
+            ws_per_message_deflate=False,  # on loopback compression costs more time than it saves
             timeout_graceful_shutdown=SHUTDOWN_S,
         )
         server = uvicorn.Server(config)
@@ -111,7 +111,7 @@ def serve(options: DashboardOptions, session: zenoh.Session, log: Log = print) -
         thread.start()
         stack.callback(thread.join)
         stack.callback(setattr, server, "should_exit", True)
-        while not server.started and thread.is_alive():  # when it cannot start, its thread ends at once
+        while not server.started and thread.is_alive():  # if the server cannot start, its thread ends at once
             thread.join(0.01)
         if not server.started:
             raise RwaMonitorError("the dashboard's server did not start")
@@ -128,7 +128,7 @@ def serve(options: DashboardOptions, session: zenoh.Session, log: Log = print) -
 
 
 def _socket(port: int | None) -> socket.socket:
-    # Only of a socket that is declared as TCP does asyncio send small answers at once (TCP_NODELAY), not after 40 ms.
+    # asyncio sends small answers at once (TCP_NODELAY), not after 40 ms, only if the socket is declared as TCP.
     listening = socket.socket(socket.AF_INET, socket.SOCK_STREAM, socket.IPPROTO_TCP)
     listening.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
     try:

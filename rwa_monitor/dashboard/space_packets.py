@@ -1,13 +1,13 @@
-"""CCSDS space packets (133.0-B-2) over UDP: verdicts and alarms out, telemetry onto the bus.
+"""CCSDS space packets (133.0-B-2) over UDP: verdicts and alarms are sent, telemetry is received for the bus.
 
-One list of fields makes the packets that go out, and their XTCE definition.
-Each wheel has an APID of its own, and two kinds of packets: its diagnosis of a window, and its alarms, all of them,
-whenever one changes. A text that is too long is cut, a number that is not known is NaN, and a part or an alarm that the
-definition does not name is left out; of such alarms the highest level stands under `other`.
+One list of fields defines both the packets that are sent and their XTCE definition.
+Each wheel has an APID of its own, and two kinds of packets: the diagnosis of a window, and the states of all its alarms
+whenever one changes. A text that is too long is cut, an unknown number is NaN, and a part or an alarm that the
+definition does not name is left out; the highest level of such alarms is reported as `other`.
 
-The bridge is bounded in all it keeps: a datagram is at most 64 kB, a wheel's samples wait for a batch or for
-`PERIOD_S`, wheels are those of the map. What comes faster than it is read, the system drops: the packets' sequence
-count shows it.
+The memory of the bridge is bounded: a datagram is at most 64 kB, a wheel's samples wait for a batch or for `PERIOD_S`,
+and only the wheels of the map are served. Datagrams that arrive faster than they are read are dropped by the operating
+system: the packets' sequence count reveals it.
 """
 
 from __future__ import annotations
@@ -47,7 +47,7 @@ from rwa_monitor.telemetry.reader import MAX_APID
 from rwa_monitor.wheel.wheel import Wheel
 from rwa_monitor.words import SOFTWARE, Log, counted
 
-SECONDARY: Final = struct.Struct(">IHB")  # behind the primary header: seconds, their fractions, kind
+SECONDARY: Final = struct.Struct(">IHB")  # after the primary header: seconds, fraction [2⁻¹⁶ s], kind
 TEXT_BYTES: Final = 256
 OTHER: Final = "other"  # alarms that have no name in the definition
 KINDS: Final[Mapping[str, type[Diagnosis | Health]]] = {"diagnosis": Diagnosis, "alarms": Health}
@@ -60,7 +60,7 @@ ENUMERATIONS: Final[Mapping[str, tuple[str, ...]]] = {
     "Level": get_args(AlarmLevel),
     "Phase": get_args(AlarmPhase),
 }
-# Label → XTCE's level; one window is a watch at most, what windows amount to has the level of its alarm.
+# Label → XTCE's level of concern; that of one window is a watch at most, that of an alarm is the alarm's level.
 CONCERN: Final = {level: level for level in get_args(AlarmLevel)[1:]} | dict.fromkeys(
     ("anomalous", "active", "lacks_something"), "watch"
 )
@@ -74,10 +74,10 @@ class Field(NamedTuple):
     value: Callable[[Any], Any]
 
     def packed(self, message: Diagnosis | Health) -> bytes:
-        """Return the value as it stands in a packet."""
+        """Return the value in the form of the packet."""
         value = self.value(message)
         if self.type == "Text":
-            text = value.encode()[: TEXT_BYTES - 1].decode(errors="ignore")  # no half character at the cut
+            text = value.encode()[: TEXT_BYTES - 1].decode(errors="ignore")  # no incomplete character at the end
             return struct.pack(f"{TEXT_BYTES}s", text.encode())
         if self.type in ENUMERATIONS:
             return struct.pack("B", ENUMERATIONS[self.type].index(value))
@@ -85,7 +85,7 @@ class Field(NamedTuple):
 
 
 class Packet(NamedTuple):
-    """One kind of packets of one wheel."""
+    """One kind of packet of one wheel."""
 
     wheel: str
     apid: int
@@ -94,7 +94,7 @@ class Packet(NamedTuple):
 
 
 def _diagnosis_fields(parts: Sequence[str]) -> list[Field]:
-    """Return what stands in the packet of a window, of a wheel with these possible anomalies."""
+    """Return the fields of a diagnosis packet, for a wheel with these possible anomalies."""
 
     def of_part(part: str, what: str, one: Diagnosis) -> Any:
         return getattr(one.anomalies[part], what) if part in one.anomalies else None
@@ -126,7 +126,7 @@ def _diagnosis_fields(parts: Sequence[str]) -> list[Field]:
 
 
 def _alarm_fields(names: Sequence[str]) -> list[Field]:
-    """Return what stands in the packet of a wheel's alarms: the level and phase of each of these, and of all others."""
+    """Return the fields of an alarm packet: level and phase of each of these alarms, and of the worst other one."""
 
     def of(name: str, what: str, health: Health) -> str:
         states = health.alarm_states or {}
@@ -151,14 +151,15 @@ class PacketWriter:
     wheels
         "SPACECRAFT/WHEEL" of each, in the order of their APIDs.
     apid
-        Of the first.
+        Of the first wheel.
     wheel, model
-        The wheel file and the classifiers that they are diagnosed with: which parts there are, and what is nominal.
+        The wheel file and the classifiers that the wheels are diagnosed with: they determine the possible anomalies and
+        the nominal ranges.
 
     Raises
     ------
     InputError
-        If a name is none, two parameters would have one name, or there are too few APIDs.
+        If a name is not valid, two parameters would have the same name, or there are too few APIDs.
     """
 
     def __init__(self, wheels: Sequence[str], apid: int, wheel: Wheel, model: Model | None) -> None:
@@ -173,7 +174,7 @@ class PacketWriter:
             for kind, message in KINDS.items():
                 key = f"rwa/{name}/{message.kind}"
                 split_key(key)
-                prefix = re.sub(r"[^A-Za-z0-9_@+~-]", "_", name)  # what XTCE takes in a name
+                prefix = re.sub(r"[^A-Za-z0-9_@+~-]", "_", name)  # characters that XTCE allows in a name
                 named = [field._replace(name=re.sub(r"[./:\[\]\s]", "_", field.name)) for field in fields[kind]]
                 self._packets[key] = Packet(prefix, apid + number, kind, named)
         counts = Counter(f"{one.wheel}_{field.name}" for one in self._packets.values() for field in one.fields)
@@ -181,12 +182,12 @@ class PacketWriter:
         if count > 1 or len(self._packets) < len(KINDS) * len(wheels):
             raise InputError(name, "would name two parameters: give each wheel once, no two alike but for their dots")
         self._sequence: Counter[int] = Counter()
-        kept = {"diagnosis": OUTPUT_HISTORY, "alarms": 1}  # alarms may come to be as they were before
+        kept = {"diagnosis": OUTPUT_HISTORY, "alarms": 1}  # alarms may return to an earlier state
         self._recent = {key: deque[int](maxlen=kept[one.kind]) for key, one in self._packets.items()}
 
     def definition(self) -> str:
         """Return the XTCE definition of all packets."""
-        import jinja2  # noqa: PLC0415 - sending needs none, and a monitor alone has none
+        import jinja2  # noqa: PLC0415 - sending does not need it, and a monitor alone does not install it
 
         numbers = {
             "Number": ("", ()),
@@ -210,16 +211,16 @@ class PacketWriter:
         step = levels.severity_unit
         bounds = [(0.0, Level.WATCH), *(BOUNDS if step else ())]
         unit = (nominal.dry_torque_Nm, nominal.viscous_Nm_s_rad)[part]
-        low = unit * levels.nominal_low  # below it nothing is worse than a watch: the template has it there alone
+        low = unit * levels.nominal_low  # values below it are a watch at most: the template uses it for that level only
         return [(level.word, low, unit * (levels.nominal_high + size * (step or 0.0))) for size, level in bounds]
 
     def take(self, key: str, payload: bytes) -> bytes | None:
-        """Return the packet of a message; None where it is of no wheel here, was sent already, or has no alarms' state.
+        """Return a message's packet; None if it is of another wheel, was sent already, or has no states of alarms.
 
         Raises
         ------
         InputError
-            If the message cannot be read, or its time is none of a packet's.
+            If the message cannot be parsed, or its time does not fit into a packet.
         """
         if key not in self._packets:
             return None
@@ -232,7 +233,7 @@ class PacketWriter:
             raise InputError(key, f"is {seconds} s; the time of a packet is 0 to {2**32 - 1} s", "window_end_ns")
         head = SECONDARY.pack(seconds, rest_ns * 2**16 // NANOSECONDS_PER_SECOND, [*KINDS].index(kind))
         content = head + b"".join(field.packed(message) for field in fields)
-        if hash(content) in self._recent[key]:  # the bus brings a message at least once
+        if hash(content) in self._recent[key]:  # the bus may deliver a message more than once
             return None
         self._recent[key].append(hash(content))
         count = self._sequence[apid] % SEQUENCE_MODULUS
@@ -242,7 +243,7 @@ class PacketWriter:
 
 
 class PacketSender(BusThread):
-    """Sends a packet for each diagnosis, and each change of alarms, that comes from the bus; use it with `with`.
+    """Sends a packet for each diagnosis, and each change of alarms, on the bus; use it with `with`.
 
     Parameters
     ----------
@@ -251,9 +252,9 @@ class PacketSender(BusThread):
     writer
         Makes the packets.
     address
-        Where they go.
+        Where packets are sent.
     log
-        Takes what cannot be sent, each line once.
+        Called with each line of the log, once for equal lines.
 
     Attributes
     ----------
@@ -273,7 +274,7 @@ class PacketSender(BusThread):
         super().__init__(session, "space packets", *(f"rwa/*/*/{message.kind}" for message in KINDS.values()))
 
     def __enter__(self) -> Self:
-        # The alarms as they are: a dashboard publishes changes only, and a monitor answers without them.
+        # Query the current alarms: a dashboard publishes changes only, and a monitor's answers have no alarms.
         for reply in self._session.get("rwa/**/health", consolidation=zenoh.ConsolidationMode.NONE):
             if reply.ok is not None:
                 self.receive(str(reply.ok.key_expr), reply.ok.payload.to_bytes())
@@ -284,7 +285,7 @@ class PacketSender(BusThread):
         self._socket.close()
 
     def receive(self, key: str, payload: bytes) -> None:
-        """Send the packet of a message, if it has one."""
+        """Send the packet of a message, if there is one."""
         try:
             packet = self._writer.take(key, payload)
             if packet is not None:
@@ -294,29 +295,29 @@ class PacketSender(BusThread):
             self._log(f"a packet is not sent: {error}")
 
 
-# ---- telemetry from packets onto the bus -----------------------------------------------------------------------------
+# ---- telemetry from packets to the bus -------------------------------------------------------------------------------
 
 
-MAX_DATAGRAM_BYTES: Final = 65_535  # what UDP's length field can hold
-RECEIVE_BUFFER_BYTES: Final = 4 * 2**20  # asked for; the system may give less
+MAX_DATAGRAM_BYTES: Final = 65_535  # the largest value of UDP's length field
+RECEIVE_BUFFER_BYTES: Final = 4 * 2**20  # requested; the system may grant less
 
 
 class UdpAddress(NamedTuple):
-    """Where datagrams come in, or go to."""
+    """Address that datagrams are received on, or sent to."""
 
     host: str
     port: int
 
     @classmethod
     def parse(cls, text: str, option: str) -> UdpAddress:
-        """Read [HOST:]PORT; the host is 127.0.0.1 by default, and an IPv6 address stands in brackets."""
+        """Parse [HOST:]PORT; the host is 127.0.0.1 by default, an IPv6 address is in brackets."""
         host, _, port = text.rpartition(":")
         if not port.isascii() or not port.isdecimal() or not 0 < int(port) < 2**16:
             raise InputError(option, f"{text!r} is no [HOST:]PORT such as 127.0.0.1:5005")
         return cls(host.removeprefix("[").removesuffix("]") or "127.0.0.1", int(port))
 
     def open(self) -> tuple[socket.socket, Any]:
-        """Return a socket for it, and it as the socket takes it; raises RwaMonitorError if there is none such."""
+        """Return a socket for the address, and its resolved form; RwaMonitorError if it cannot be resolved."""
         try:
             family, kind, protocol, _, place = socket.getaddrinfo(*self, type=socket.SOCK_DGRAM)[0]
         except OSError as error:
@@ -326,7 +327,7 @@ class UdpAddress(NamedTuple):
 
 @contextmanager
 def listening(address: UdpAddress) -> Iterator[socket.socket]:
-    """Give a socket that receives what is sent to an address; raises RwaMonitorError if that cannot be had."""
+    """Open a socket that receives datagrams at an address; raises RwaMonitorError if that is not possible."""
     receiver, place = address.open()
     with receiver:
         receiver.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, RECEIVE_BUFFER_BYTES)
@@ -340,21 +341,21 @@ def listening(address: UdpAddress) -> Iterator[socket.socket]:
 
 
 class Bridge:
-    """Turns datagrams into batches of samples and hands them on.
+    """Converts datagrams to batches of samples and publishes them.
 
     Parameters
     ----------
     decoder
-        Reads the packets.
+        Decodes the packets.
     sinks
-        Where each wheel's samples go, by key.
+        Publishers of each wheel's samples, by key.
     batch_samples
-        Samples of one message at most.
+        Samples from which a message is sent.
 
     Attributes
     ----------
     datagrams, samples
-        How many came in, how many went out.
+        Datagrams received, samples published.
     """
 
     def __init__(self, decoder: PacketDecoder, sinks: Mapping[str, SamplesPublisher], batch_samples: int) -> None:
@@ -366,25 +367,25 @@ class Bridge:
         self._sent_s = float("-inf")
 
     def take(self, datagram: bytes) -> None:
-        """Take a datagram of one packet or several, one after the other."""
+        """Process a datagram of one or several successive packets."""
         self.datagrams += 1
         packets = list(split_packets(datagram))
         rest = datagram[sum(map(len, packets)) :]
         if rest or not datagram:
-            packets.append(rest)  # no whole packet: the decoder counts it as such
+            packets.append(rest)  # an incomplete packet: the decoder counts it as such
         for packet in packets:
             for wheel in self._decoder.take(packet):
                 if len(wheel) >= self._batch_samples:
                     self._send(wheel)
 
     def tick(self, now_s: float) -> None:
-        """Send what waits, each `PERIOD_S`."""
+        """Send the waiting samples every `PERIOD_S`."""
         if now_s - self._sent_s >= PERIOD_S:
             self._sent_s = now_s
             self.send_all()
 
     def send_all(self) -> None:
-        """Send all that waits."""
+        """Send all waiting samples."""
         for wheel in self._decoder.wheels:
             if len(wheel):
                 self._send(wheel)
@@ -395,13 +396,13 @@ class Bridge:
         self.samples += len(samples)
 
     def counts(self) -> dict[str, Any]:
-        """Return what became of everything so far, as JSON has it."""
+        """Return the counts of datagrams, packets and samples so far, for JSON."""
         counts = asdict(self._decoder.counts)
         counts["unknown_apids"] = sorted(counts["unknown_apids"])
         return {"datagrams": self.datagrams, **counts, "samples": self.samples}
 
     def log_warnings(self, log: Log) -> None:
-        """Log what was left out and what is missing so far."""
+        """Log what has been left out or is missing so far."""
         counts = self._decoder.counts
         if counts.bad:
             log(f"{counted(counts.bad, 'packet')} cannot be read, the first: {counts.first_bad}")
@@ -416,9 +417,9 @@ def run_bridge(
     log: Log,
     on_tick: Callable[[float], None] = lambda _: None,
 ) -> None:
-    """Hand on what a socket receives until stopped; what is left out is logged, each line once.
+    """Process the datagrams of a socket until stopped; what is left out is logged, equal lines once.
 
-    `on_tick` is called with the time of a clock that only goes forward [s], many times a second.
+    `on_tick` is called with the time of a monotonic clock [s], several times a second.
     """
     log, next_warnings_s = cache(log), 0.0
     while not stop.is_set():
