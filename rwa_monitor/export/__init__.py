@@ -1,7 +1,7 @@
-"""The friction model of a wheel for other simulators: written in C from the classes of its effects, an FMU, Basilisk.
+"""The friction model of a wheel for other simulators: C generated from the classes of its effects, an FMU, Basilisk.
 
-`model.py` puts a wheel's law together, as the classes of its effects compute it, and each format has a file beside its
-template.
+`model.py` composes a wheel's friction law from its effects, with the code of their classes; each format has a module
+and a template.
 """
 
 import json
@@ -18,7 +18,7 @@ def _json_files(model: FrictionModel) -> dict[str, bytes]:
     return {"rwa_friction.json": f"{text}\n".encode()}
 
 
-# What can be written of a friction model, by the name of its format.
+# Writers of a friction model, by the name of the format.
 FORMATS: Final[Mapping[str, Callable[[FrictionModel], Mapping[str, bytes]]]] = {
     "basilisk": basilisk_files,
     "c": lambda model: {name: text.encode() for name, text in c_files(model).items()},

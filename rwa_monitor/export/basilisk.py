@@ -1,8 +1,8 @@
-"""The friction model for Basilisk: its own message of a reaction wheel, fitted, and the exact model as a module.
+"""The friction model for Basilisk: fitted parameters of its reaction wheel message, and a module of the exact model.
 
 Basilisk's law of friction, of `reactionWheelStateEffector` (2.12): f_C sign Ω + c Ω, and with β > 0, from rest until
-the wheel first slows, √(2e) (f_S − f_C) e^(−(Ω/β)²/2) Ω/(√2 β) + f_C tanh(10 Ω/β) + c Ω. Fitted is what it makes of the
-sweep of `cost.sweep`, whose first quarter is the way up from rest.
+the wheel first slows, √(2e) (f_S − f_C) e^(−(Ω/β)²/2) Ω/(√2 β) + f_C tanh(10 Ω/β) + c Ω. Its parameters are fitted on
+the sweep of `c_source.sweep`, whose first quarter is the acceleration from rest.
 """
 
 from collections.abc import Sequence
@@ -17,8 +17,8 @@ from rwa_monitor.wheel.effects.base import Channels, Effect, MeanEffect
 from rwa_monitor.wheel.effects.drag_laws import ORIGIN_degC
 
 NAMES: Final = ("fCoulomb", "fStatic", "betaStatic", "cViscous")
-NO_STRIBECK: Final = -1.0  # of betaStatic: Basilisk's own value for a wheel without
-TRIED_SHARES: Final = (0.003, 0.01, 0.03, 0.1)  # of the largest speed: where the fit of betaStatic begins
+NO_STRIBECK: Final = -1.0  # of betaStatic: Basilisk's own value for a wheel without Stribeck friction
+TRIED_SHARES: Final = (0.003, 0.01, 0.03, 0.1)  # of the largest speed: start values of betaStatic in the fit
 
 
 class Fit(NamedTuple):
@@ -36,7 +36,7 @@ def law(coulomb: float, static: float, beta: float, viscous: float, speed: Float
 
 
 def on_sweep(values: Sequence[float], channels: Channels) -> FloatArray:
-    """Return what Basilisk makes of the sweep [N m]: its law from rest while the wheel speeds up for the first time."""
+    """Return Basilisk's friction over the sweep [N m]: with the law from rest until the wheel first slows."""
     coulomb, static, beta, viscous = values
     speed = channels.speed_rad_s
     plain = coulomb * channels.direction + viscous * speed
@@ -46,15 +46,15 @@ def on_sweep(values: Sequence[float], channels: Channels) -> FloatArray:
 
 
 def fit(model: FrictionModel, effects: Sequence[Effect], top_rad_s: float) -> Fit:
-    """Return Basilisk's parameters for the model with some effects, over speeds up to the largest one [rad/s]."""
-    from scipy import optimize  # noqa: PLC0415 - takes long to import, and only this format fits
+    """Return Basilisk's parameters fitted to the model with some effects, for speeds up to `top_rad_s`."""
+    from scipy import optimize  # noqa: PLC0415 - takes long to import, and only this format needs it
 
     channels = sweep(model, top_rad_s)
     wanted, speed, direction = torque(model, effects, channels), channels.speed_rad_s, channels.direction
     (coulomb, viscous), _ = optimize.nnls(np.column_stack([direction, speed]), wanted)
     found = [[coulomb, coulomb, NO_STRIBECK, viscous]]
     unit = np.array([model.nominal.dry_torque_Nm, model.nominal.dry_torque_Nm, top_rad_s, 0.0])
-    unit[3] = unit[0] / top_rad_s  # all four near one
+    unit[3] = unit[0] / top_rad_s  # scales all four parameters to near one
 
     def values_of(x: FloatArray) -> list[float]:
         coulomb, more, beta, viscous = (x * unit).tolist()
@@ -73,7 +73,7 @@ def fit(model: FrictionModel, effects: Sequence[Effect], top_rad_s: float) -> Fi
 
 
 def basilisk_files(model: FrictionModel) -> dict[str, bytes]:
-    """Return the module, the library that it loads, and the library's sources; errors as for `fmu_files`."""
+    """Return the Python module, the library that it loads, and the library's sources; errors as for `fmu_files`."""
     top = model.nominal.nominal_speed_rad_s
     sources = c_files(model)
     text = render(
@@ -83,7 +83,7 @@ def basilisk_files(model: FrictionModel) -> dict[str, bytes]:
         alone=[
             (part.effect.name, fit(model, [part.effect], top).rmse_Nm)
             for part in model.parts
-            if isinstance(part.effect, MeanEffect)  # the others need jumps
+            if isinstance(part.effect, MeanEffect)  # the others depend on jumps
         ],
         top=top,
         sweep_s=SWEEP_S,

@@ -1,8 +1,8 @@
-"""What is written in C: the friction model, alone or in an FMU, and the settings of the onboard detector.
+"""C code: the friction model, alone or in an FMU, and the settings of the onboard detector.
 
-The model is one C99 file and its header: no allocation, libm alone; beside what it leaves out stands what that costs.
-The FMU has sources and a binary for Linux, for model exchange and co-simulation. Layout, schemas and functions:
-Functional Mock-up Interface Specification 3.0, Modelica Association, 2022. The settings are of
+The model is one C99 file and its header, without allocation, with libm only; the header states the error due to each
+effect that is left out. The FMU has sources and a binary for Linux, for model exchange and co-simulation. Layout,
+schemas and functions: Functional Mock-up Interface Specification 3.0, Modelica Association, 2022. The settings are of
 `kernels/onboard/rwa_detector.h`.
 """
 
@@ -43,7 +43,7 @@ SWEEP_S: Final = 2_000.0  # s, from rest to the largest speed, down to the oppos
 
 
 def sweep(model: FrictionModel, top_rad_s: float) -> Channels:
-    """Return a motion from rest to a speed, to its opposite and back, evenly accelerated; 15 to 25 °C on the way."""
+    """Return a motion from rest to a speed, to its opposite and back, at constant acceleration, with 15 to 25 °C."""
     time, period_s = np.linspace(0.0, SWEEP_S, SLOTS), SWEEP_S / (SLOTS - 1)
     speed = np.interp(time, SWEEP_S * np.array([0.0, 0.25, 0.75, 1.0]), top_rad_s * np.array([0.0, 1.0, -1.0, 0.0]))
     rate = np.where(np.abs(time - 0.5 * SWEEP_S) < 0.25 * SWEEP_S, -1.0, 1.0) * 4.0 * top_rad_s / SWEEP_S
@@ -64,12 +64,12 @@ def sweep(model: FrictionModel, top_rad_s: float) -> Channels:
 
 
 def base_law(model: FrictionModel, speed_rad_s: FloatArray) -> FloatArray:
-    """Return dry and viscous friction without jumps and effects [N m]."""
+    """Return nominal dry and viscous friction, without jumps and effects [N m]."""
     return np.sign(speed_rad_s) * model.nominal.dry_torque_Nm + model.nominal.viscous_Nm_s_rad * speed_rad_s
 
 
 def torque(model: FrictionModel, effects: Sequence[Effect], channels: Channels) -> FloatArray:
-    """Return the friction with some effects, as it is simulated, without jumps [N m]."""
+    """Return the friction with some effects, as in the simulation, without jumps [N m]."""
     coupled = couple([effect for effect in effects if isinstance(effect, MeanEffect)], channels)
     return sum(coupled.values(), start=base_law(model, channels.speed_rad_s))
 
@@ -80,7 +80,7 @@ def rms(values: FloatArray) -> float:
 
 
 def cost(part: Part, model: FrictionModel) -> str:
-    """Return in words what leaving out an effect costs, over a sweep to the nominal speed."""
+    """Return in words the error of a model without an effect, over a sweep to the nominal speed."""
     top = model.nominal.nominal_speed_rad_s
     over = f"over a sweep to {top:g} rad/s in {SWEEP_S / 4:g} s"
     channels = sweep(model, top)
@@ -105,13 +105,13 @@ PLAIN: Final = str.maketrans({"±": "+-", "²": "2", "°": "deg", "·": " ", "�
 
 
 def comment(text: str) -> str:
-    """Return a text that stays inside of a comment in C, in ASCII: no file's content becomes code."""
+    """Return a text in ASCII that cannot end a comment in C: no content of a file becomes code."""
     text = " ".join(text.translate(PLAIN).encode("ascii", "replace").decode().split())
     return re.sub(r"(?<=\?)(?=\?)", " ", text.replace("*/", "* /").replace("/*", "/ *"))
 
 
 def error(std: float | None) -> str:
-    """Return a standard deviation as it is stated."""
+    """Return a standard deviation in words."""
     return "not known" if std is None else f"{std:.2g}"
 
 
@@ -133,7 +133,7 @@ def recursions(model: FrictionModel) -> str:
 
 
 def render(template: str, model: FrictionModel, **more: Any) -> str:
-    """Return a template of this room, filled in for a model."""
+    """Render a template of this package for a model."""
     environment = jinja2.Environment(  # noqa: S701 - C is no HTML; XML escapes by the filter
         loader=jinja2.FileSystemLoader(FOLDER),
         trim_blocks=True,
@@ -148,7 +148,7 @@ def render(template: str, model: FrictionModel, **more: Any) -> str:
 
 
 def c_files(model: FrictionModel) -> dict[str, str]:
-    """Return header and source by the names of their files."""
+    """Return header and source by file name."""
     return {
         "rwa_friction.h": render("rwa_friction.h", model),
         "rwa_friction.c": render(
@@ -162,22 +162,22 @@ def c_files(model: FrictionModel) -> dict[str, str]:
     }
 
 
-# ---- the same as an FMU ----------------------------------------------------------------------------------------------
+# ---- the model as an FMU ---------------------------------------------------------------------------------------------
 
 
-# No contraction to fused multiply-add: the bits of the package's own kernels.
+# No contraction to fused multiply-add, so that results equal those of the package's kernels to the bit.
 FLAGS: Final = ("-std=c99", "-O2", "-ffp-contract=off", "-fPIC", "-shared")
 
 
 def fmu_files(model: FrictionModel) -> dict[str, bytes]:
-    """Return the FMU by the name of its file: the same model gives the same bytes with the same compiler.
+    """Return the FMU by file name; the same model and compiler give the same bytes.
 
     Raises
     ------
     InputError
-        If there is no C compiler.
+        If the system is not Linux, or there is no C compiler.
     RwaMonitorError
-        If it fails.
+        If the compiler fails.
     """
     sources = c_files(model)
     token = sha256("".join(sources.values()).encode()).hexdigest()
@@ -192,14 +192,14 @@ def fmu_files(model: FrictionModel) -> dict[str, bytes]:
     file = io.BytesIO()
     with zipfile.ZipFile(file, "w", zipfile.ZIP_DEFLATED) as archive:
         for name, content in contents.items():
-            archive.writestr(zipfile.ZipInfo(name), content, zipfile.ZIP_DEFLATED)  # dated 1980, whenever written
+            archive.writestr(zipfile.ZipInfo(name), content, zipfile.ZIP_DEFLATED)  # dated 1980, for equal bytes
     return {"rwa_friction.fmu": file.getvalue()}
 
 
 def shared_library(sources: dict[str, str], place: str, hidden: bool = True) -> bytes:
     """Compile C sources with the system's compiler, or that of the environment's CC; errors as in `fmu_files`.
 
-    Where `hidden`, only functions that ask for it are seen from outside: two FMUs in one process do not mix.
+    With `hidden`, only functions marked so are exported: the symbols of two FMUs in one process do not clash.
     """
     compiler = shlex.split(os.environ.get("CC", "cc"))
     if sys.platform != "linux":
@@ -222,18 +222,18 @@ def shared_library(sources: dict[str, str], place: str, hidden: bool = True) -> 
 
 
 NODES: Final = 257  # RWA_TAIL_NODES
-NOT_ONBOARD: Final = ("angle_per_x", "stretch_hop")  # settings of the structure, which the detector does not collect
+NOT_ONBOARD: Final = ("angle_per_x", "stretch_hop")  # settings for statistics that the detector does not collect
 
 
 def detector_files(model: FrictionModel) -> dict[str, bytes]:
     """Return `rwa_detector_settings.h`: what the monitor derives from the wheel file before a window's first sample.
 
-    Of noise with heavy tails the largest outlier needs Student's t, which is tabulated over the ratio of two quantiles.
+    The largest outlier of noise with heavy tails, by Student's t, is tabulated over the ratio of two quantiles.
 
     Raises
     ------
     InputError
-        If the wheel's viscous friction is more than its coefficient times the speed, which the detector takes it for.
+        If the wheel's viscous friction is not proportional to the speed, as the detector assumes.
     """
     wheel = model.wheel
     if viscous := viscous_effects(wheel):
@@ -243,7 +243,7 @@ def detector_files(model: FrictionModel) -> dict[str, bytes]:
     slots, asked = wheel.window.samples, wheel.window.run_length
     settings = WindowAccumulator(wheel).settings._asdict()
     ratio = np.geomspace(TAIL_RATIO[0], TAIL_RATIO[-1], NODES).tolist()
-    ratio[0] = float(np.nextafter(TAIL_RATIO[0], np.inf))  # at the first, tails are Gaussian
+    ratio[0] = float(np.nextafter(TAIL_RATIO[0], np.inf))  # at the first value itself, tails are Gaussian
 
     def largest(chance: float, factor: float) -> list[float]:
         return [factor * largest_outlier((math.inf, CHI_MEDIAN, one * CHI_MEDIAN), 1.0, chance) for one in ratio]

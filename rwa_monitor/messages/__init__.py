@@ -4,10 +4,10 @@ Every message is one JSON object on the key rwa/{spacecraft}/{wheel}/{kind}, wit
 application/json;rwa.<Message>; in a recording the same name is the schema. Times are integer nanoseconds of the wheel's
 own clock. `schemas/` is generated from here (`make schemas`) and is the contract for every field.
 
-What is written is deterministic: fixed order of keys, shortest decimal form of every number, no NaN. What is read is
-limited in size before it is parsed, and a message that does not fit its model is refused with the place and the reason.
-In the order of the flow: samples come in; changepoints, health and status report on the running window; the diagnosis
-closes it; a discrepancy report is what a search found.
+Output is deterministic: fixed order of keys, shortest decimal form of every number, no NaN. Input is limited in size
+before it is parsed, and a message that does not fit its model is refused with the place and the reason. In the order of
+the data flow: samples are received; changepoints, health and status report on the open window; the diagnosis closes it;
+a discrepancy report is the result of a search.
 """
 
 from __future__ import annotations
@@ -29,9 +29,9 @@ MAX_SAMPLES: Final = 100_000  # of one message: 3.5 hours at 8 Hz
 MAX_CLOCK_NS: Final = 2**62  # of times in outputs: beyond every sample, and sums of two fit in 64 bits
 MAX_COUNT: Final = 2**53  # integers that every JSON reader keeps exactly
 MAX_WHEELS: Final = 4_096  # of one process: 2.7 MB each with windows of 80,000 slots; `--shard` divides more
-PERIOD_S: Final = 1.0  # of all that is done again and again: status, heartbeat, signs of life, flush, checks
-INTERVALS_TILL_LATE: Final = 3.0  # after which something that comes at intervals counts as gone
-LOG_PERIOD_S: Final = 10.0  # of what is logged or recorded of something that goes on
+PERIOD_S: Final = 1.0  # of all periodic work: status, heartbeat, keep-alive, flush, checks
+INTERVALS_TILL_LATE: Final = 3.0  # without it, after which something periodic counts as gone
+LOG_PERIOD_S: Final = 10.0  # between log lines or records about something continuous
 
 Count = Annotated[int, Field(ge=0, le=MAX_COUNT)]
 TimeNs = Annotated[int, Field(ge=0, le=MAX_TIME_NS)]
@@ -57,7 +57,7 @@ class Message(BaseModel):
 
     @classmethod
     def schema_name(cls) -> str:
-        """Return the name of the schema, such as rwa.Diagnosis; rwa.Samples of `SamplesMessage`."""
+        """Return the name of the schema, such as rwa.Diagnosis; that of `SamplesMessage` is rwa.Samples."""
         return f"rwa.{cls.__name__.removesuffix('Message')}"
 
     @classmethod
@@ -74,12 +74,12 @@ class Message(BaseModel):
 
     @classmethod
     def parse(cls, payload: bytes, source: str) -> Self:
-        """Read a message.
+        """Parse a message.
 
         Raises
         ------
         InputError
-            If it is too large, is no JSON, or a field is missing or wrong; names the field.
+            If it is too large or no JSON, or if a field is missing or wrong; names the field.
         """
         if len(payload) > MAX_MESSAGE_BYTES:
             raise InputError(source, f"has {len(payload)} bytes, more than {MAX_MESSAGE_BYTES}")
@@ -89,12 +89,12 @@ class Message(BaseModel):
             raise InputError.of_validation(source, error) from error
 
     def to_json(self) -> bytes:
-        """Write the message; the same values always give the same bytes."""
+        """Return the message as JSON; the same values always give the same bytes."""
         left_out = {name for name in self.omitted if getattr(self, name) is None}
         return dump_json(self.model_dump(exclude=left_out))
 
     def encoded(self, spacecraft: str, wheel: str, time_ns: int = 0) -> EncodedMessage:
-        """Return the message as it goes to the bus and into a recording: of a wheel, with a time on its clock [ns]."""
+        """Return the message of a wheel in the form for bus and recording, with a time on the wheel's clock [ns]."""
         return EncodedMessage(key_of(type(self), spacecraft, wheel), self.schema_name(), self.to_json(), time_ns)
 
 
@@ -106,7 +106,7 @@ class WheelMessage(Message):
 
 
 class EncodedMessage(NamedTuple):
-    """A message as it stands on the bus and in a recording.
+    """A message in the form for bus and recording.
 
     `topic` is the key on the bus, `schema` the name of its schema, `payload` its JSON. `time_ns` is its time on the
     wheel's clock, 0 where it has none; `publish_ns` the wall clock of the machine that recorded it, 0 before that.
@@ -125,7 +125,7 @@ class EncodedMessage(NamedTuple):
 
 
 def dump_json(content: Any) -> bytes:
-    """Write plain content as compact JSON, keys in their own order.
+    """Return plain content as compact JSON, keys in their given order.
 
     Raises
     ------
@@ -136,8 +136,8 @@ def dump_json(content: Any) -> bytes:
 
 
 KEY_PREFIX: Final = "rwa"
-REPLAY: Final = "@replay"  # what the name of a wheel ends with whose telemetry is only played again
-# What a spacecraft or wheel may be called on the bus: no wildcards of key expressions, nothing that a path could use.
+REPLAY: Final = "@replay"  # suffix of the name of a wheel whose telemetry is a replay
+# Names of spacecraft and wheels on the bus: no wildcards of key expressions, no parts of a path such as "..".
 _NAME: Final = re.compile(r"[A-Za-z0-9_@+~-][A-Za-z0-9_.@+~-]{0,99}")
 
 
@@ -163,15 +163,15 @@ def split_key(key: str) -> tuple[str, str, str]:
 
 
 def replay_key(key: str) -> str:
-    """Return the key, beside that of a wheel, for telemetry that is only played again; raises as `split_key`."""
+    """Return the key for a replay of the telemetry of a key; raises as `split_key`."""
     spacecraft, wheel, kind = split_key(key)
     return f"{KEY_PREFIX}/{spacecraft}/{wheel.removesuffix(REPLAY)}{REPLAY}/{kind}"
 
 
-# ---- samples in ------------------------------------------------------------------------------------------------------
+# ---- samples ---------------------------------------------------------------------------------------------------------
 
 
-# NaN and Infinity are no JSON, but some writers use them: they are read, and masked, like null.
+# NaN and Infinity are not JSON, but some writers use them: they are accepted, and masked, like null.
 Readings = Annotated[list[float | None], Field(max_length=MAX_SAMPLES)]
 
 
@@ -216,7 +216,7 @@ class SamplesMessage(Message):
 
 
 def is_json(payload: bytes) -> bool:
-    """Return whether a message is JSON of any kind; one that is not was cut off or damaged, or never was."""
+    """Return whether a message is JSON of any kind; one that is not may be truncated or damaged."""
     try:
         from_json(payload[:MAX_MESSAGE_BYTES])
     except ValueError:
@@ -225,7 +225,7 @@ def is_json(payload: bytes) -> bool:
 
 
 def samples_json(samples: Samples, publisher: str, batch: int, data: Timeliness | None = None) -> bytes:
-    """Write samples as the JSON of a `SamplesMessage`, null where a value is not finite."""
+    """Return samples as the JSON of a `SamplesMessage`, null where a value is not finite."""
     content: dict[str, Any] = {"publisher": publisher, "batch": batch} | ({"data": data} if data else {})
     content["time_ns"] = samples.time_ns.tolist()
     for name in CHANNELS:
@@ -390,7 +390,7 @@ MODEL_LACKS: Final = (
 
 
 def health_message(diagnosis: Diagnosis, data: NotLive | None = None) -> Health:
-    """Return the wheel's health by its latest diagnosis; `data` names telemetry that is not live, if that does not."""
+    """Return the health that follows from a wheel's latest diagnosis; `data` of None is that of the diagnosis."""
     data = data or diagnosis.data
     active = {name: anomaly for name, anomaly in diagnosis.anomalies.items() if anomaly.active}
     alarmed = diagnosis.verdict == "anomalous"
@@ -447,7 +447,7 @@ class Status(WheelMessage):
 # ---- discrepancy -----------------------------------------------------------------------------------------------------
 
 
-TOLERATED_RISE: Final = 0.01  # of the held-out RMSE: a base model's false jumps may take so much of the noise with them
+TOLERATED_RISE: Final = 0.01  # relative, of the held-out RMSE: a base model's false jumps may absorb so much noise
 
 
 class Uncertain(Message):
@@ -487,7 +487,7 @@ class Unexplained(Message):
     nearest: NearestEffect | None = None
 
     def beside(self, signature: str, size_Nm: float) -> Unexplained:
-        """Return this and something else, which is named first."""
+        """Return this combined with something else unexplained, whose signature comes first."""
         both = {"signature": f"{signature}; and {self.signature}", "size_Nm": math.hypot(size_Nm, self.size_Nm)}
         return self.model_copy(update=both)
 
@@ -538,7 +538,7 @@ class SearchedAgain(Message):
     log_score_extended: Number
 
     def in_words(self) -> str:
-        """Return both in one sentence."""
+        """Return findings and gain in one sentence."""
         return (
             f"searched again without {', '.join(self.held_out)}: {' + '.join(self.effects) or 'nothing'} found; there"
             f" RMSE {self.rmse_base_Nm:.4g} → {self.rmse_extended_Nm:.4g} N m, log score {self.log_score_base:.4f} →"
@@ -559,20 +559,20 @@ class Gain(Message):
     diagnosis: DiagnosisGain | None
     simulated: SimulatedGain | None = None
     held_out: list[str] = Field(default=[])
-    # What the search finds and gains without the data that it is judged on: other recordings or stretches of time, and
-    # ranges of speed; None where not asked for.
+    # What the search finds and gains without the data that it is evaluated on: other recordings or time segments, and
+    # other ranges of speed; None where not requested.
     searched_again: SearchedAgain | None = None
     searched_again_by_speed: SearchedAgain | None = None
 
     @property
     def is_a_loss(self) -> bool:
-        """Whether the extension does worse than the base model on held-out data, by either figure."""
+        """Whether the extension is worse than the base model on held-out data, by RMSE or by log score."""
         worse = self.rmse_extended_Nm > (1.0 + TOLERATED_RISE) * self.rmse_base_Nm
         return worse or self.log_score_extended < self.log_score_base
 
     @property
     def only_by_fewer_jumps(self) -> bool:
-        """Whether all that it gains there are jumps: it leaves no less error."""
+        """Whether the only gain on held-out data is fewer jumps: the RMSE does not decrease."""
         return not self.is_a_loss and self.rmse_extended_Nm > self.rmse_base_Nm
 
 
