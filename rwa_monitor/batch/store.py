@@ -1,4 +1,4 @@
-"""The folder of results: one Parquet file for each recording, whose name identifies what it was made from."""
+"""The folder of results: one Parquet file for each recording, whose name identifies the inputs."""
 
 import csv
 import hashlib
@@ -19,26 +19,26 @@ from rwa_monitor.messages import Diagnosis
 from rwa_monitor.telemetry.files import atomic_write, display_name, opened, write_text
 
 FAILED: Final = "failed.csv"
-KIND: Final = "diagnosis"  # of results: their names begin so
-PROBLEMS: Final = b"rwa_monitor.problems"  # metadata of a Parquet file: what of the recording could not be read
-# Of the 256 bits of a hash; recordings with the same name whose results meet by chance: one pair in 2^64.
+KIND: Final = "diagnosis"  # prefix of the names of results
+PROBLEMS: Final = b"rwa_monitor.problems"  # metadata of a Parquet file: parts of the recording that could not be read
+# Hexadecimal digits used of a hash of 256 bits: results of recordings with the same name collide for one pair in 2^64.
 DIGITS: Final = 16
 NAME_CHARACTERS: Final = 80  # of the recording's name, so that the result's stays below the 255 bytes of a file system
 
 
 @dataclass(frozen=True, slots=True)
 class Store:
-    """Diagnoses of recordings in one folder; a value that travels to workers, which write for themselves.
+    """Diagnoses of recordings in one folder; it is pickled to workers, which write the results themselves.
 
-    A result is written whole or not at all. It counts as done while recording, settings and program are the same, so
-    that a run that was cut off goes on where it ended, and a changed recording or wheel file is done anew.
+    A result is written completely or not at all. It is valid while recording, settings and program are the same, so
+    that an interrupted run continues where it ended, and a changed recording or wheel file is diagnosed again.
     """
 
     folder: Path
     task: Diagnose
 
     def __call__(self, file: Path) -> DiagnosedFile:
-        """Return the result of a recording, made now or before; raises InputError if the recording cannot be used."""
+        """Return the result of a recording, new or stored; raises InputError if the recording cannot be used."""
         path = self.path(file)
         if path.exists():
             return _read(path)
@@ -47,16 +47,16 @@ class Store:
         return done
 
     def path(self, file: Path) -> Path:
-        """Return where the result of a recording lies, whether it is there or not."""
+        """Return the path of a recording's result, which may not exist."""
         with opened(file) as stream:
             content = hashlib.file_digest(stream, "sha256").hexdigest()
         key = hashlib.sha256("\n".join((self.task.identity(), str(file), content)).encode()).hexdigest()
-        # Whatever stands in a file's name, the result lies in this folder.
+        # Whatever the file's name is, the result is in this folder.
         name = re.sub(r"[^A-Za-z0-9._-]", "_", file.name)[:NAME_CHARACTERS]
         return self.folder / f"{KIND}-{name}-{key[:DIGITS]}.parquet"
 
     def write_failures(self, failures: Iterable[tuple[Path, str]]) -> None:
-        """List the recordings that could not be used, with the reason; an empty list where all could."""
+        """Write the list of recordings that could not be used, with reasons; it is empty where all could."""
         text = io.StringIO()
         writer = csv.writer(text, lineterminator="\n")
         writer.writerow(("file", "reason"))

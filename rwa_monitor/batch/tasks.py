@@ -1,6 +1,6 @@
-"""What is done with one recording, as a value that travels to a worker; and how it is done with many.
+"""Tasks for one recording, as values that are pickled to workers, and their execution for many.
 
-Tasks go over the recordings in this process, in several on this machine (joblib), or on a Dask cluster.
+Tasks are executed in this process, in several processes on this machine (joblib), or on a Dask cluster.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ if TYPE_CHECKING:
 
 
 CarriedStates = dict[tuple[str, str], CarriedState]  # by spacecraft and wheel
-# What is reported of samples that no window used, by name of `ingest.Counts`.
+# Words for samples that no window used, by attribute of `ingest.Counts`.
 NOT_USED: Final = {
     "masked": "were masked",
     "rejected": "rejected",
@@ -57,9 +57,9 @@ class DiagnosedFile:
     diagnoses
         One for each window.
     problems, notes
-        What could not be read, and what was left out on purpose, a sentence each.
+        Parts that could not be read, and remarks, such as samples that were not used, a sentence each.
     carried
-        What its wheels hand on to the next file.
+        The state of its wheels for the next file.
     """
 
     diagnoses: list[Diagnosis]
@@ -75,11 +75,11 @@ class Diagnose:
     Attributes
     ----------
     wheel
-        Its constants, for every file; None for those that a recording carries.
+        Its constants, for every file; None for those attached to a recording, or the built-in wheel.
     decoding
-        What files are read with that do not name their channels.
+        Settings to read files that do not name their channels.
     model
-        The one to use for every file; None for what a recording carries, or the built-in one.
+        The one to use for every file; None for the one attached to a recording, or the built-in one.
     method
         As for `WheelCore`.
     """
@@ -90,13 +90,13 @@ class Diagnose:
     method: Method = "joint"
 
     def identity(self) -> str:
-        """Return a hash of program and settings: results with the same one can stand beside each other."""
+        """Return a hash of program and settings: results with the same hash are comparable."""
         settings = (self.wheel, self.decoding, self.model)
         hashed = [None if value is None else value.sha256() for value in settings]
         return hashlib.sha256(json.dumps([SOFTWARE, *hashed, self.method]).encode()).hexdigest()
 
     def __call__(self, file: Path, carried: CarriedStates | None = None) -> DiagnosedFile:
-        """Diagnose a file's windows; its wheels start with their `carried` state where there is one.
+        """Diagnose a file's windows; its wheels start from their `carried` state where there is one.
 
         Raises
         ------
@@ -150,12 +150,12 @@ def not_nominal(recordings: Sequence[tuple[str, Samples]], wheel: Wheel) -> str:
     recordings
         Name and samples of each.
     wheel
-        What `identify` made of them.
+        The wheel that `identify` learned from them.
 
     Raises
     ------
     InputError
-        If one is anomalous: nothing that calls what it was learned from a failure is a wheel file.
+        If one is anomalous: a wheel file must not report a failure in the data that it was learned from.
     """
     model = built_in_model()
     windows = [
@@ -182,25 +182,25 @@ def not_nominal(recordings: Sequence[tuple[str, Samples]], wheel: Wheel) -> str:
 
 
 def _full_ones(windows: Iterable[WindowDiagnosed]) -> list[WindowDiagnosed]:
-    """Return the windows without the partial one at the end, if there are others."""
+    """Return the windows without partial ones, if there are others."""
     found = list(windows)
     return [window for window in found if not window.diagnosis.partial] or found
 
 
 @dataclass(frozen=True, slots=True)
 class ReadFeatures:
-    """What the classifiers see of a recording's windows, by both methods; for `train`, which keeps it in memory.
+    """Compute the classifiers' features of a recording's windows by both methods, for `train`.
 
     Attributes
     ----------
     wheel
-        For recordings that have no wheel file of their own beside them.
+        For recordings that have no wheel file of their own in their folder.
     """
 
     wheel: Wheel
 
     def __call__(self, file: Path) -> list[tuple[Features, Features]]:
-        """Return the features of each window by the joint and the paper's method; of full ones where there are any."""
+        """Return the features of each window by the joint and the paper's method; of full windows if there are any."""
         wheel = self._wheel_of(file)
         samples = read_table(file).samples
         joint, paper = (
@@ -222,20 +222,21 @@ class ReadFeatures:
 
 
 Result = TypeVar("Result")
-Task = Callable[[Path], Result]  # what is done for each recording
-BLOCK: Final = 64  # recordings for each process at a time: what is finished waits in memory for those before it
-# Dask's own work for a parcel, some 7 ms, is a third of diagnosing one short recording.
-PARCEL: Final = 8  # recordings, where each worker has so many parcels as this:
-# No worker is idle while the first in order is worked on, and memory does not grow with the number of recordings.
+Task = Callable[[Path], Result]  # executed for each recording
+BLOCK: Final = 64  # recordings for each process at a time: finished results wait in memory for those before them
+# Recordings submitted to Dask together, at most: its overhead, some 7 ms, is a third of diagnosing one short recording.
+PARCEL: Final = 8
+# Parcels submitted at a time, per worker: no worker is idle while the first in order is processed, and memory does not
+# grow with the number of recordings.
 PARCELS_PER_WORKER: Final = BLOCK // PARCEL
-FEW: Final = 4  # recordings for which starting one more process is not worth it: each takes a second or two to start
-IDLE_S: Final = 10  # after which a process with nothing to do ends, also where the one that started it was killed
+FEW: Final = 4  # recordings for each process at least: starting one takes a second or two
+IDLE_S: Final = 10  # after which an idle process ends, even if its parent was killed
 CONNECT_TIMEOUT_S: Final = 5
 
 
 @dataclass(frozen=True, slots=True)
 class Outcome(Generic[Result]):
-    """What became of one recording: its result, or why there is none.
+    """The outcome for one recording: its result, or why there is none.
 
     Attributes
     ----------
@@ -255,20 +256,20 @@ class Outcome(Generic[Result]):
 def each(
     task: Task[Result], files: Sequence[Path], *, scheduler: str | None = None, workers: int | None = None
 ) -> Iterator[Outcome[Result]]:
-    """Do a task for each recording, and yield what became of it in the order of `files`.
+    """Execute a task for each recording, and yield the outcomes in the order of `files`.
 
-    One that fails stops nothing: not by bad input, not by a fault of the program, not by a worker that was killed.
+    A failure does not stop the others: neither bad input, nor a fault of the program, nor a worker that was killed.
 
     Parameters
     ----------
     task
-        Called in the workers; it and its results are sent there and back.
+        Called in the workers; it and its results are pickled.
     files
-        As the workers see them: on another machine, below the same path.
+        Paths that are valid for the workers, also on another machine.
     scheduler
-        Address of a Dask scheduler. None: this machine.
+        Address of a Dask scheduler; None for this machine.
     workers
-        Processes on this machine; 1: this one. None: one for each core, and fewer where there are few recordings.
+        Processes on this machine; 1 for this process; None for one per core, or fewer for few recordings.
 
     Raises
     ------
@@ -287,12 +288,12 @@ def each(
 
 
 def _guarded(task: Task[Result], file: Path) -> Outcome[Result]:
-    """Do the task for one recording, and turn whatever goes wrong into its outcome."""
+    """Execute the task for one recording; any exception becomes its outcome."""
     try:
         return Outcome(file, task(file))
     except RwaMonitorError as error:
         return Outcome(file, None, str(error))
-    # A fault of this program in one of thousands of recordings shall be listed beside it, and not end the others.
+    # A fault of this program with one of thousands of recordings is reported for that one, and does not stop the rest.
     except Exception as error:  # noqa: BLE001
         return Outcome(
             file, None, f"{file}: fault of the program: {type(error).__name__}: {' '.join(str(error).split())}"
@@ -303,10 +304,10 @@ def _guarded(task: Task[Result], file: Path) -> Outcome[Result]:
 
 
 def _in_processes(task: Task[Result], files: Sequence[Path], workers: int) -> Iterator[Outcome[Result]]:
-    """Yield the outcomes in the order of `files`, from so many processes."""
+    """Yield the outcomes in the order of `files`, from several processes."""
     from joblib import Parallel, delayed, parallel_config
 
-    # One thread of linear algebra, since the last bit depends on their number.
+    # One thread for linear algebra, since the last bit depends on their number.
     with parallel_config("loky", inner_max_num_threads=1, idle_worker_timeout=IDLE_S):
         parallel = Parallel(workers, return_as="generator", max_nbytes=None)
     guarded = delayed(_guarded)
@@ -317,7 +318,7 @@ def _in_processes(task: Task[Result], files: Sequence[Path], workers: int) -> It
                 left.popleft()
                 yield outcome
         except BrokenProcessPool:
-            # By which one is not known: those that are left are done alone, and only that one ends its process.
+            # It is not known which recording ended it: the rest is processed one by one, so that only that one fails.
             for file in left:
                 try:
                     yield from parallel([guarded(task, file)])
@@ -331,7 +332,7 @@ def _in_processes(task: Task[Result], files: Sequence[Path], workers: int) -> It
 
 @contextmanager
 def _client(scheduler: str) -> Iterator[Client]:
-    """Connect to a scheduler, whose workers must run this release: others would give other numbers."""
+    """Connect to a scheduler, whose workers must run this release: another one could give other results."""
     with needs_extra("fleet"):
         from distributed import Client
 
@@ -352,11 +353,11 @@ def _release() -> str:
 
 
 def _on_cluster(client: Client, task: Task[Result], files: Sequence[Path]) -> Iterator[Outcome[Result]]:
-    """Yield the outcomes in the order of `files`; a bounded number of recordings is on its way at a time."""
+    """Yield the outcomes in the order of `files`; a bounded number of recordings is submitted at a time."""
     from distributed import wait
 
-    # The model goes once to each worker and not with each recording; as a result, which is made again where a worker
-    # that held it dies.
+    # As a Dask result, the task with its model is sent to each worker once and not with each recording, and is made
+    # again if the worker that holds it dies.
     shared = client.submit(partial, _guarded, task, pure=False)
     workers = max(1, len(client.scheduler_info(n_workers=-1)["workers"]))
     size = max(1, min(PARCEL, len(files) // (workers * PARCELS_PER_WORKER)))
@@ -364,7 +365,7 @@ def _on_cluster(client: Client, task: Task[Result], files: Sequence[Path]) -> It
     on_the_way: deque[tuple[Sequence[Path], Any]] = deque()
 
     def submit(parcel: Sequence[Path]) -> Any:
-        # Not pure: the same recording named twice is done twice, as it is without a cluster.
+        # Not pure: a recording named twice is processed twice, as without a cluster.
         return client.submit(_parcel, shared, parcel, pure=False)
 
     while waiting or on_the_way:
@@ -374,7 +375,7 @@ def _on_cluster(client: Client, task: Task[Result], files: Sequence[Path]) -> It
         if future.exception() is None:
             yield from future.result()
             continue
-        # Dask gives up all recordings that waited at a worker that ended. Alone, only the one that ends it is given up.
+        # Dask gives up all recordings queued at a worker that ended. One by one, only the one that ends it is given up.
         wait([others for _, others in on_the_way])
         for file in parcel:
             alone = submit([file])
@@ -383,5 +384,5 @@ def _on_cluster(client: Client, task: Task[Result], files: Sequence[Path]) -> It
 
 
 def _parcel(guarded: Callable[[Path], Outcome[Result]], files: Sequence[Path]) -> list[Outcome[Result]]:
-    """Do a task for some recordings, one after the other."""
+    """Execute a task for several recordings, one after the other."""
     return [guarded(file) for file in files]

@@ -1,1 +1,1 @@
-"""The command line: each command parses, calls the rooms below, prints. Nothing else happens here."""
+"""The command line: each command parses its options, calls the other packages, and prints; it does nothing else."""

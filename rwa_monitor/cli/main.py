@@ -1,8 +1,8 @@
-"""The command `rwa-monitor`: finds the command's module when it is called for, and turns errors into exit codes.
+"""The program `rwa-monitor`: imports a command's module when the command is called, and maps errors to exit codes.
 
 Exit codes: 0 done; 1 failed, or a check found a difference; 2 wrong use or bad input; 3 done, but bytes of the input
 could not be read; 130 interrupted. An error that a user can act on is one line on stderr. Any other is a fault of this
-program and shows its traceback.
+program and is reported with its traceback.
 """
 
 import os
@@ -18,13 +18,13 @@ import click
 from rwa_monitor.cli.options import FAILED, FILE, PROGRAM, WRONG_USE, flag, log, option
 from rwa_monitor.errors import InputError, RwaMonitorError, did_you_mean
 
-# One thread for linear algebra, whatever the environment sets: our matrices are small, threads would only wait for each
-# other, and the order of sums, so the last bit, would depend on the machine. Before numpy is imported anywhere, and for
-# all processes started from here; from Python, rwa_monitor.threads does it.
+# One thread for linear algebra, whatever the environment sets: the matrices are small, so that threads would only wait
+# for each other, and the order of sums, hence the last bit, would depend on the machine. It is set before numpy is
+# imported, and for all child processes; for use from Python, rwa_monitor.threads does it.
 os.environ |= dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"), "1")
 
-# The module of each command, a function of the command's name. Modules import what they need when the command runs, not
-# before, so that --help and a mistyped option answer at once.
+# The module of each command, which has a function of the command's name. Modules import what they need only when the
+# command runs, so that --help and a mistyped option answer at once.
 COMMANDS: Final = {
     "demo": "demo",
     "run": "run",
@@ -50,7 +50,7 @@ COMMANDS: Final = {
 class Program(click.Group):
     """The group of all commands, with the exit codes of this program.
 
-    Options come from the command line, before the environment, before the file of --settings, before the default.
+    Precedence of options: command line, environment, file of --settings, default.
     """
 
     def list_commands(self, ctx: click.Context) -> list[str]:
@@ -63,9 +63,9 @@ class Program(click.Group):
         return getattr(import_module(f"rwa_monitor.cli.{module}"), cmd_name) if module else None
 
     def main(self, *args: Any, standalone_mode: bool = True, **extra: Any) -> Any:
-        """Run the program; outside `standalone_mode`, as click does, errors are raised and the result is returned.
+        """Run the program; without `standalone_mode`, errors are raised and the result is returned, as in click.
 
-        A reader of the output that has gone is quietly the end: click and rich see to it.
+        A closed pipe on stdout ends the program quietly: click and rich handle that.
         """
         run: Callable[..., Any] = super().main
         if not standalone_mode:
@@ -87,14 +87,14 @@ class Program(click.Group):
             log(f"the package {error.name} is missing: install rwa-monitor again, with pip install .")
             status = FAILED
         except click.Abort:
-            status = 128 + signal.SIGINT  # as a shell reports it
+            status = 128 + signal.SIGINT  # the exit code of shells
         sys.exit(status or 0)
 
 
 @click.group(
     name=PROGRAM,
     cls=Program,
-    commands=dict.fromkeys(COMMANDS),  # their names, which click searches for the one that was meant
+    commands=dict.fromkeys(COMMANDS),  # only names, which click uses to suggest a mistyped command
     invoke_without_command=True,
     context_settings={
         "help_option_names": ["-h", "--help"],
@@ -138,7 +138,7 @@ def main(ctx: click.Context, settings: Path | None, version: bool) -> None:
 
 
 def _defaults(table: Any, command: click.Command, ctx: click.Context, source: str, place: str) -> dict[str, Any]:
-    """Return a table of a settings file as click takes its default map, values as they are on the command line.
+    """Return a table of a settings file as click's default map, with values as on the command line.
 
     Raises
     ------

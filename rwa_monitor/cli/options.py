@@ -1,4 +1,4 @@
-"""What commands share: exit codes, log and progress on stderr (stdout is for data), a clean stop; and their options."""
+"""Common code of the commands: exit codes, log and progress on stderr (stdout is for data), clean stop, options."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from rwa_monitor.errors import InputError
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from rwa_monitor.monitor.bus import BusOptions as BusOptions  # noqa: PLC0414 - commands name it so
+    from rwa_monitor.monitor.bus import BusOptions as BusOptions  # noqa: PLC0414 - re-exported for the commands
     from rwa_monitor.monitor.setup import Setup as Setup  # noqa: PLC0414
     from rwa_monitor.samples import Samples
     from rwa_monitor.telemetry.reader import Decoding as Decoding  # noqa: PLC0414
@@ -39,13 +39,13 @@ Item = TypeVar("Item")
 
 
 def log(*messages: str) -> None:
-    """Write messages to stderr, each in one line; an empty one is none."""
+    """Write messages to stderr, each in one line; empty ones are left out."""
     for message in filter(None, messages):
         click.echo(f"{PROGRAM}: {' '.join(message.split())}", err=True)
 
 
 def console_of_stdout() -> Console:
-    """Return the console for stdout; lines have a fixed width where no terminal gives theirs."""
+    """Return the console for stdout; without a terminal, lines have a fixed width."""
     from rich.console import Console
 
     console = Console(highlight=False)
@@ -55,7 +55,7 @@ def console_of_stdout() -> Console:
 
 
 def track(items: Iterable[Item], total: int, description: str) -> Iterable[Item]:
-    """Pass items on while a bar on stderr shows how many of `total` are done; nothing where stderr is no terminal."""
+    """Yield items with a progress bar on stderr, of `total` items; no bar if stderr is not a terminal."""
     from rich.console import Console
     from rich.progress import track as rich_track
 
@@ -65,7 +65,7 @@ def track(items: Iterable[Item], total: int, description: str) -> Iterable[Item]
 
 @contextmanager
 def status_line(description: str) -> Iterator[Callable[[str], None]]:
-    """Give a function that shows what is being done, on one line of stderr; nothing where that is no terminal."""
+    """Provide a function that shows the current step on one line of stderr; no output if that is not a terminal."""
     from rich.console import Console
 
     with Console(stderr=True).status(description) as status:
@@ -74,11 +74,11 @@ def status_line(description: str) -> Iterator[Callable[[str], None]]:
 
 @contextmanager
 def stop_on_signals() -> Iterator[Event]:
-    """Give an event that SIGINT or SIGTERM sets; a second SIGINT interrupts at once, as it does elsewhere."""
+    """Provide an event that SIGINT or SIGTERM sets; a SIGINT after that raises KeyboardInterrupt as usual."""
     stop = Event()
 
     def stop_cleanly(*_: object) -> None:
-        # Not here: where the signal interrupts `stop.wait`, this thread may hold the very lock that `set` waits for.
+        # In another thread: if the signal interrupts `stop.wait`, this thread may hold the lock that `set` waits for.
         _thread.start_new_thread(stop.set, ())
         signal.signal(signal.SIGINT, signal.default_int_handler)
 
@@ -93,23 +93,23 @@ def stop_on_signals() -> Iterator[Event]:
 # ---- options ---------------------------------------------------------------------------------------------------------
 
 
-# Transports whose other end shows who it is.
+# Transports that authenticate the other end.
 _PROTECTED: Final = ("tls", "quic", "unixsock-stream", "unixpipe")
 
 Decorated = TypeVar("Decorated", bound=Callable[..., Any])
 
-# Whether a file exists and can be used is found by whoever reads it, with the reason; click only makes it a Path.
+# click only makes a Path of it; the code that reads a file reports, with the reason, if it cannot be used.
 FILE: Final = click.Path(path_type=Path)
 
 
 class Whole(click.IntRange):
-    """A whole number in a range; click's own name for it, "integer range", stands in messages to people."""
+    """A whole number in a range; `name` replaces click's "integer range" in messages to users."""
 
     name = "whole number"
 
 
 class Real(click.FloatRange):
-    """A number in a range; NaN lies in none, which click does not see."""
+    """A number in a range; NaN, which click accepts, is refused."""
 
     name = "number"
 
@@ -122,7 +122,7 @@ class Real(click.FloatRange):
 
 
 def option(names: str, kind: Any, metavar: str | None, about: str, **more: Any) -> Callable[[Decorated], Decorated]:
-    """Return click's option: its names, its type, what stands for its value in the help, and what it does."""
+    """Return click's option, from its names, its type, the placeholder of its value in the help, and its help text."""
     return click.option(*names.split(), type=kind, metavar=metavar, help=about, **more)
 
 
@@ -132,14 +132,14 @@ def flag(name: str, about: str) -> Callable[[Decorated], Decorated]:
 
 
 def as_one(name: str, make: Callable[..., Any], *options: Callable[[Any], Any]) -> Callable[[Decorated], Decorated]:
-    """Return a decorator that adds options to a command, which gets them as one value.
+    """Return a decorator that adds options to a command, which receives them as one value.
 
     Parameters
     ----------
     name
         The parameter of the command.
     make
-        Makes its value from those of the options, by their names.
+        Makes its value; called with the values of the options by name.
     options
         Decorators of click.
     """
@@ -228,7 +228,7 @@ bus_options = as_one(
 
 
 def is_loopback(host: str) -> bool:
-    """Return whether nobody reaches a host from outside this machine; an IPv6 address may stand in brackets."""
+    """Return whether a host is on loopback, so unreachable from other machines; an IPv6 address may be in brackets."""
     try:
         return ipaddress.ip_address(host.strip("[]")).is_loopback
     except ValueError:
@@ -236,13 +236,13 @@ def is_loopback(host: str) -> bool:
 
 
 def warn_if_alone(bus: BusOptions) -> None:
-    """Log what the options mean for who is on the bus: nobody else, or everybody on the network."""
+    """Log a warning if the bus is limited to this process, or open to everybody on the network."""
     if not (bus.connect or bus.listen or bus.config):
         log("without -e, -l or -c the bus is this process alone; for example -l tcp/127.0.0.1:7447, and -e elsewhere")
     for endpoint in bus.listen:
         protocol, _, address = endpoint.partition("/")
         host, colon, _ = address.rpartition(":")
-        # An endpoint without an address or port is refused when the bus is opened, and nobody is let in.
+        # An endpoint without an address or port is not listened on: it is refused when the bus is opened.
         if colon and protocol not in _PROTECTED and not is_loopback(host):
             log(f"{endpoint} lets in everybody who reaches it; docker/client.json5 shows how to join by mutual TLS")
 
@@ -251,16 +251,16 @@ def warn_if_alone(bus: BusOptions) -> None:
 
 
 class Recordings:
-    """Recordings, how they are read, and what has become of them so far.
+    """The recordings given to a command, how they are read, and the problems with them so far.
 
     Attributes
     ----------
     files
-        Where they are.
+        Their paths.
     decoding
-        What files are read with that do not name their channels.
+        Settings to read files that do not name their channels.
     failures
-        Those that cannot be used, and why.
+        Recordings that cannot be used, and why.
     """
 
     def __init__(self, files: tuple[Path, ...], decoding: Decoding) -> None:
@@ -278,12 +278,12 @@ class Recordings:
         return UNREADABLE if self._unreadable else 0
 
     def failed(self, file: Path, error: str) -> None:
-        """Log why a recording cannot be used."""
+        """Register and log why a recording cannot be used."""
         self.failures.append((file, error))
         log(error)
 
     def done(self, problems: Sequence[str], notes: Iterable[str]) -> None:
-        """Log what is to be noted of a recording, each line once; `problems` are bytes that could not be read."""
+        """Log problems and notes of a recording, equal lines once; `problems` are bytes that could not be read."""
         new = [note for note in dict.fromkeys((*problems, *notes)) if note not in self._logged]
         log(*new)
         self._logged.update(new)
@@ -292,14 +292,14 @@ class Recordings:
     def of_one_wheel(
         self, wheel: Wheel | None, others: Sequence[Path] | None = None
     ) -> tuple[list[tuple[str, Samples]], Wheel | None]:
-        """Read the files as recordings of one wheel, or `others` as these are.
+        """Read the files, or `others` in their place, as recordings of one wheel.
 
         Returns
         -------
         samples
             Name and samples of each file.
         wheel
-            What was given, else the first wheel that a file carries; None where none does.
+            The one given, else the first that is attached to a file; None where there is none.
 
         Raises
         ------
@@ -330,12 +330,12 @@ recordings_options = as_one(
 
 
 def known_wheel(wheel: Path | None, motor_off: bool) -> Wheel | None:
-    """Return the wheel of a file, with its motor off where that is asked for; None where there is no file.
+    """Return the wheel of a file, with its motor off if `motor_off`; None where there is no file.
 
     Raises
     ------
     InputError
-        If the file cannot be used; if the motor shall be off and no inertia is known.
+        If the file cannot be used, or if the motor is to be off and no inertia is known.
     """
     from rwa_monitor.monitor.setup import read_wheel
 
