@@ -1,4 +1,4 @@
-"""What is chosen before anything is measured: `tune` the detector, `manoeuvre` the change of speed that decides."""
+"""Choices before a measurement: `tune` the detector, find the `manoeuvre` whose change of speed decides a diagnosis."""
 
 from dataclasses import asdict
 from json import dumps
@@ -9,7 +9,7 @@ import click
 
 from rwa_monitor.cli import options as cli
 
-SEED = 20260126  # of the simulated check: the same wishes give the same figures
+SEED = 20260126  # of the simulated check: the same options give the same figures
 
 
 @click.command(short_help="Choose window, prior weight and threshold of the detector.")

@@ -83,12 +83,12 @@ def dashboard(
         cli.log(f"there is no folder {record} yet; it is made for the history")
     with cli.stop_on_signals() as stop, open_session(bus) as session, serve(options, session, cli.log) as running:
         show_page(running.address_with_token, no_browser=no_browser)
-        while not stop.wait(PERIOD_S):  # a signal just before a wait is seen after it
+        while not stop.wait(PERIOD_S):  # a signal just before a wait takes effect after it
             pass
 
 
 def show_page(address: str, *, no_browser: bool) -> None:
-    """Log where the page is, and open it where a person sits before a screen."""
+    """Log the page's address, and open it in a browser if there is a screen and a terminal."""
     cli.log(f"the page is at {address}")
     has_screen = sys.platform == "darwin" or "DISPLAY" in os.environ or "WAYLAND_DISPLAY" in os.environ
     if not no_browser and has_screen and sys.stderr.isatty():

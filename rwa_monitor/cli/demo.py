@@ -1,7 +1,7 @@
 """`demo`: the main job in one process, on an embedded bus: simulated satellite, monitor, recording, live view.
 
-The monitor is the one of `run`, and gets nothing but the bus. The view shows what it publishes there and nothing else.
-What is true of the simulated satellite is printed at the end.
+The monitor is that of `run`, and gets its data from the bus only. The view shows only what the monitor publishes there.
+The truth of the simulated satellite is printed at the end.
 """
 
 from __future__ import annotations
@@ -27,9 +27,9 @@ if TYPE_CHECKING:
     from rwa_monitor.messages import Diagnosis, Discrepancy
     from rwa_monitor.simulation.demo_satellite import Satellite
 
-MAX_DURATION_S: Final = 3600.0  # an hour simulates half a month of four wheels; it is all made before it begins
-TEMPLATE: Final = Path(__file__).with_suffix(".txt")  # of what is printed at the end
-SEARCH_PATIENCE_S: Final = 600.0  # how long a search that has begun may still take at the end: others go before it
+MAX_DURATION_S: Final = 3600.0  # an hour has half a month of four wheels, all of it simulated before the start
+TEMPLATE: Final = Path(__file__).with_suffix(".txt")  # of the report at the end
+SEARCH_PATIENCE_S: Final = 600.0  # how long to wait for a requested search at the end: others may be before it
 
 
 @click.command(short_help="The main job on simulated wheels, one of them failing.")
@@ -53,7 +53,7 @@ def demo(duration: float, no_browser: bool, port: int | None, seed: int, record:
     from rwa_monitor.monitor.setup import Setup
     from rwa_monitor.simulation.demo_satellite import simulate_satellite
 
-    # A new satellite each time: what the folder holds of the last one is not carried over to this one's healthy wheels.
+    # A new name each time: the states that the folder holds of an earlier satellite must not be carried over.
     spacecraft = time.strftime("demo-%Y%m%dT%H%M%S", time.gmtime())
     satellite = simulate_satellite(spacecraft, duration, start_ns=time.time_ns(), seed=seed)
     options = RunOptions(
@@ -89,7 +89,7 @@ def demo(duration: float, no_browser: bool, port: int | None, seed: int, record:
 def _serve_page(
     page: ExitStack, session: zenoh.Session, record: Path, port: int | None, satellite: Satellite, *, no_browser: bool
 ) -> bool:
-    """Serve the health page while the demo runs; returns whether what it needs is installed."""
+    """Serve the health page while the demo runs; returns whether the packages for it are installed."""
     try:
         with needs_extra("dashboard"):
             from rwa_monitor.dashboard.server import DashboardOptions, serve
@@ -98,7 +98,7 @@ def _serve_page(
         return False
     from rwa_monitor.cli.dashboard import show_page
 
-    # The demo's end is no monitor's failure: its recording, shown later, must raise no alarm of one.
+    # The end of the demo is no failure of the monitor: the history, shown later, must have no alarm of its silence.
     options = DashboardOptions(port, record, wheel=satellite.wheel, silent_s=0.0)
     running = page.enter_context(serve(options, session, cli.log))
     show_page(running.address_with_token, no_browser=no_browser)
@@ -109,22 +109,22 @@ def _serve_page(
 
 
 class DemoView:
-    """Subscribes to the bus, keeps what comes of each wheel with its time [s], and prints a line for each diagnosis.
+    """Subscribes to the bus, keeps each wheel's results with their times [s], and prints a line for each diagnosis.
 
     Parameters
     ----------
     session
         The Zenoh session.
     satellite
-        Whose wheels to show.
+        The satellite whose wheels are shown.
     spacecraft
         Its name on the bus.
 
     Attributes
     ----------
     diagnoses, found
-        By wheel: all diagnoses in order, and what the search for a missing effect found; each after its time since the
-        demo began [s].
+        By wheel: all diagnoses in order, and the result of the search for a missing effect; each as a pair with its
+        time since the start of the demo [s].
     """
 
     def __init__(self, session: zenoh.Session, satellite: Satellite, spacecraft: str) -> None:
@@ -139,7 +139,7 @@ class DemoView:
         self._subscriber = session.declare_subscriber(f"rwa/{spacecraft}/*/*", self._inbox.receive)
 
     def show_until(self, done: Event, seconds: float, patience_s: float) -> None:
-        """Print what comes until `done` is set or the time is over; a search that has begun gets `patience_s` more."""
+        """Print diagnoses until `done` is set or the time is over, by `patience_s` later while a search is pending."""
         from rwa_monitor.monitor.bus import IDLE_WAIT_S
 
         end = time.monotonic() + seconds
@@ -149,7 +149,7 @@ class DemoView:
         self._take_messages()
 
     def searched(self, wheel: str) -> bool:
-        """Return whether the model of a wheel did not fit for as many windows in a row as begin a search."""
+        """Return whether the model of a wheel did not fit in as many windows in a row as trigger a search."""
         from rwa_monitor.monitor.searches import PATIENCE
 
         misfits = "".join("-+"[diagnosis.model_adequate] for _, diagnosis in self.diagnoses[wheel])
@@ -191,14 +191,14 @@ def _counts(verdicts: Iterable[str]) -> str:
 
 
 def _report(satellite: Satellite, view: DemoView, record: Path, *, served: bool) -> str:
-    """Return what was found, what was true, and how to see it again."""
+    """Return the report: results, truth, and how to see them again."""
     import jinja2
 
     import rwa_monitor as rwa
     from rwa_monitor.simulation import demo_satellite
     from rwa_monitor.words import counted
 
-    again: list[str] = []  # verdicts on the windows of the wheel that hides an effect, with its augmented model
+    again: list[str] = []  # verdicts with the extended wheel file, for the wheel with a hidden effect
     for extended in record.glob(f"discrepancy/{view.spacecraft}/{satellite.hiding}/extended_wheel.toml"):
         diagnoses = rwa.diagnose(satellite.hidden.samples, rwa.read_wheel(extended))
         again = [diagnosis.verdict for diagnosis in diagnoses if not diagnosis.partial]

@@ -1,4 +1,4 @@
-"""`diagnose`: recordings in, one diagnosis for each window out, through the same core as the live monitor."""
+"""`diagnose`: diagnoses recordings window by window, with the same core as the live monitor."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 
 class AtOnce(NamedTuple):
-    """Where to diagnose many recordings at once, and to keep the results."""
+    """Where to diagnose many recordings at once, and where to keep the results."""
 
     results: Path | None = None
     scheduler: str | None = None
@@ -80,7 +80,7 @@ def diagnose(
         raise click.UsageError("--carry takes one file after the other, --results, --scheduler and --workers many")
     if many.scheduler is not None and many.workers is not None:
         raise click.UsageError("--workers is for this machine; the cluster of --scheduler has its own")
-    # Read before any file is: a wrong option costs nothing then.
+    # Wheel and model are read before any recording: a wrong option fails at once.
     task = Diagnose(
         read_wheel(wheel) if wheel else None, recordings.decoding, read_model(model) if model else None, method
     )
@@ -146,12 +146,12 @@ def _at_once(task: Diagnose, recordings: cli.Recordings, many: AtOnce) -> Iterat
 
 
 def _print_trends(by_wheel: dict[tuple[str, str], list[EstimateRecord]]) -> None:
-    """Print what the windows of each wheel together show of its friction."""
+    """Print the friction trends of each wheel over all its windows."""
     from rwa_monitor.reporting.diagnoses import friction_trends
 
     for (spacecraft, wheel), estimates in by_wheel.items():
         starts = [one.window_start_ns for one in estimates if one.name == "dry"]
         if any(later <= earlier for earlier, later in pairwise(starts)):
-            continue  # several files of the same time: other wheels, or the same one twice, but not one history
+            continue  # files overlap in time: different wheels, or one wheel twice, but not one time series
         for trend in friction_trends(estimates).values():
             click.echo(f"{spacecraft}/{wheel}: {trend.sentence()}" if spacecraft else f"{wheel}: {trend.sentence()}")

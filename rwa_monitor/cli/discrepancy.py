@@ -1,4 +1,4 @@
-"""`discrepancy`: what the simulation of a wheel gets wrong, from recordings of it."""
+"""`discrepancy`: finds what the simulation of a wheel gets wrong, from recordings of the wheel."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 
 class ReportOptions(NamedTuple):
-    """What a report on one wheel is to hold, beyond the search."""
+    """What a report on one wheel contains, beyond the search."""
 
     out: Path | None
     bootstrap: int
@@ -103,7 +103,7 @@ def discrepancy(
 
 
 def _search(samples: Named, held_out: Named, wheel: Wheel, wanted: ReportOptions, side_by_side: Mapper) -> Search:
-    """Search the recordings, with what else the report is to hold."""
+    """Search the recordings, and add what else the report contains."""
     from rwa_monitor.discrepancy.bench import as_measured
     from rwa_monitor.discrepancy.extended import viscous_in_question
     from rwa_monitor.discrepancy.find import find_discrepancy, with_search_again
@@ -145,7 +145,7 @@ def _print(found: Search, planned: Plan | None, as_json: bool) -> None:
 
 
 def _with_diagnosis_gain(found: Search, progress: Callable[[str], None]) -> Search:
-    """Add what the extension does to the diagnosis, where the wheel can be simulated and classified."""
+    """Add the change of the diagnosis by the extension, where the wheel can be simulated and classified."""
     from dataclasses import replace
 
     from rwa_monitor.diagnosis.model import built_in_model

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     import zenoh
 
 
-# How long a router or peer has to answer, and monitors, which publish every second, to be heard of.
+# How long to wait for a router or peer to answer, and for messages of monitors, which publish every second.
 ANSWER_S: Final = 3.0
 
 
@@ -44,10 +44,10 @@ def doctor(
     failed: list[str] = []
 
     def check(name: str, look: Callable[[], str]) -> None:
-        """Print what `look` found, or the error that it raises."""
+        """Print the result of `look`, or the error that it raises."""
         try:
             click.echo(f"ok      {name}: {look()}")
-        # Whatever is wrong with an installation, the other checks shall still be done and this one named.
+        # With any fault of an installation, this check is named and the others are still done.
         except Exception as error:  # noqa: BLE001
             kind = "" if isinstance(error, RwaMonitorError) else f"{type(error).__name__}: "
             click.echo(f"FAILED  {name}: {kind}{' '.join(str(error).split())}")
@@ -69,15 +69,15 @@ def doctor(
 
 # ---- installation ----------------------------------------------------------------------------------------------------
 
-# What requirements-monitor.txt leaves out of what the program needs: see docs/onboard.md.
+# Requirements of the program that requirements-monitor.txt leaves out: see docs/onboard.md.
 NOT_ON_BOARD: Final = frozenset({"jinja2", "joblib", "scikit-learn"})
 
 
 def _packages() -> str:
-    """Check that every package that the program needs is there, and return which are, and what which extra lacks."""
+    """Check that all required packages are installed; return their versions, and the extras that lack packages."""
     from importlib.metadata import requires, version
 
-    needed: defaultdict[str, list[str]] = defaultdict(list)  # by extra, "" for what the program needs
+    needed: defaultdict[str, list[str]] = defaultdict(list)  # by extra, "" for the program itself
     for line in requires("rwa-monitor") or ():
         extra = re.search(r"extra == ['\"]([^'\"]+)['\"]", line)
         needed[extra[1] if extra else ""].append(re.split(r"[^A-Za-z0-9._-]", line, maxsplit=1)[0])
@@ -93,14 +93,14 @@ def _packages() -> str:
 
 
 def _missing(names: Iterable[str]) -> list[str]:
-    """Return those of some packages that are not installed."""
+    """Return which of some packages are not installed."""
     from importlib.metadata import Distribution
 
     return [name for name in names if not any(Distribution.discover(name=name))]
 
 
 def _kernels() -> str:
-    """Diagnose a small simulated window: the kernels, and all rooms that use them, do their work."""
+    """Check the kernels, and the packages that use them, by diagnosing a small simulated window."""
     import time
 
     import rwa_monitor as rwa
@@ -132,7 +132,7 @@ def _model(model_file: Path | None) -> str:
     return f"{', '.join(names)}, from {model.trained.windows} windows ({model.trained.source})"
 
 
-# ---- what a live monitor needs ---------------------------------------------------------------------------------------
+# ---- environment of a live monitor -----------------------------------------------------------------------------------
 
 
 def look_at_wheel_folder(folder: Path) -> str:
@@ -147,12 +147,12 @@ def look_at_wheel_folder(folder: Path) -> str:
 
 
 def look_at_recordings(folder: Path) -> str:
-    """Check that a monitor can record in a folder, and return what it would go on from.
+    """Check that a monitor can record in a folder, and return which recording it would continue from.
 
     Raises
     ------
     RwaMonitorError
-        If the folder cannot be written, is another monitor's, or the disk is full.
+        If the folder cannot be written, is in use by another monitor, or the disk is full.
     """
     import shutil
 
@@ -178,7 +178,7 @@ def look_at_bus(bus: cli.BusOptions) -> str:
     Raises
     ------
     RwaMonitorError
-        If it shall connect, and nobody answers.
+        If it should connect, and nothing answers.
     """
     import time
 
@@ -209,7 +209,7 @@ def look_at_bus(bus: cli.BusOptions) -> str:
 
 
 def _publishers(session: zenoh.Session) -> defaultdict[str, set[str]]:
-    """Return the wheels of which a message came within a while, by the kind of the message."""
+    """Return the wheels of which a message arrived within `ANSWER_S`, by the kind of the message."""
     from threading import Event
 
     from rwa_monitor.messages import split_key
@@ -217,7 +217,7 @@ def _publishers(session: zenoh.Session) -> defaultdict[str, set[str]]:
     found: defaultdict[str, set[str]] = defaultdict(set)
 
     def take(sample: zenoh.Sample) -> None:
-        with suppress(InputError):  # somebody else's
+        with suppress(InputError):  # a key of another program
             spacecraft, wheel, kind = split_key(str(sample.key_expr))
             found[kind].add(f"{spacecraft}/{wheel}")
 

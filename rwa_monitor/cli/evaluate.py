@@ -66,7 +66,7 @@ def evaluate(diagnoses: Path, labels: Path, json: bool) -> int:
 
 
 def _read(diagnoses: Path) -> tuple[list[JudgedWindow], list[str]]:
-    """Read the diagnoses; return them, and what of a recording cannot be read."""
+    """Return the diagnoses, and a line for each part of a recording that cannot be read."""
     from rwa_monitor.monitor.recording import read_chain
     from rwa_monitor.telemetry.files import display_name
     from rwa_monitor.telemetry.labels import JudgedWindow
@@ -85,7 +85,7 @@ def _read(diagnoses: Path) -> tuple[list[JudgedWindow], list[str]]:
 
 
 def _lines(diagnoses: Path, name: str) -> Iterator[JudgedWindow]:
-    """Read lines of JSON, of no longer a line than shows that it is none of ours."""
+    """Parse lines of JSON; reading stops one byte above the size limit of a message, which is then refused."""
     from rwa_monitor.messages import MAX_MESSAGE_BYTES
     from rwa_monitor.telemetry.files import opened
     from rwa_monitor.telemetry.labels import JudgedWindow

@@ -95,7 +95,7 @@ def train(labels_file: Path, wheel: Path, output: Path, scheduler: str | None, w
             joint += [LabelledFeatures(features, file.anomalies) for features, _ in outcome.result]
             paper += [LabelledFeatures(features, file.anomalies) for _, features in outcome.result]
     if failed:
-        # A model that silently learned from fewer files than it has labels for would look like any other.
+        # Otherwise nobody would notice that the model was learned from only some of the labelled files.
         raise InputError(
             display_name(labels_file), f"{failed} of {len(files)} files cannot be used; nothing is written"
         )

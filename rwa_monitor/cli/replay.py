@@ -1,4 +1,4 @@
-"""`replay` runs a recording's inputs through the same core again; `recover` and `foxglove` write recordings again."""
+"""`replay` runs a recording's inputs through the same core again; `recover` and `foxglove` copy recordings."""
 
 from __future__ import annotations
 
@@ -47,14 +47,14 @@ def replay(
         for topic, message in report.messages:
             click.echo(json.dumps({"topic": topic, "message": json.loads(message)}, ensure_ascii=False))
     cli.log(*report.notes, *report.unreadable)
-    # A difference weighs more than what could not be read.
+    # A difference takes precedence over parts that could not be read.
     if (compare and not report.equal) or (exact and not report.bytes_equal):
         return cli.FAILED
     return cli.UNREADABLE if report.unreadable else 0
 
 
 def _publish(paths: tuple[Path, ...], speed: float, bus: cli.BusOptions) -> int:
-    """Send the recorded inputs in the pace of their own time."""
+    """Send the recorded inputs, paced by their own time."""
     from rwa_monitor.monitor.bus import open_session
     from rwa_monitor.monitor.replay import replay_to_bus
     from rwa_monitor.words import counted
@@ -66,7 +66,7 @@ def _publish(paths: tuple[Path, ...], speed: float, bus: cli.BusOptions) -> int:
     return 0
 
 
-# ---- recordings written again ----------------------------------------------------------------------------------------
+# ---- copies of recordings --------------------------------------------------------------------------------------------
 
 
 @click.command(short_help="Save what a damaged recording still holds.")

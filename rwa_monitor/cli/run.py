@@ -12,7 +12,7 @@ from rwa_monitor.cli import options as cli
 
 
 def _shard(ctx: click.Context, param: click.Parameter, value: str) -> tuple[int, int]:
-    """Read I/N: share I of N processes that divide the wheels among them."""
+    """Parse I/N: share I of N processes among which the wheels are divided."""
     del ctx, param
     match = re.fullmatch(r"([0-9]{1,6})/([0-9]{1,6})", value)
     share, of = (int(match[1]), int(match[2])) if match else (0, 0)

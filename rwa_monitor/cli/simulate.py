@@ -1,4 +1,4 @@
-"""`simulate`: telemetry of wheels that do not exist, with the whole truth, to files or onto the bus."""
+"""`simulate`: simulated telemetry of wheels, with the whole truth, to files or to the bus."""
 
 from __future__ import annotations
 
@@ -69,7 +69,7 @@ def dataset(recipe: str, count: int, seed: int, output: Path, format: str) -> No
     left_out = ""
     for window in windows:
         if not rows:
-            # Only now: a recipe that does not exist leaves no empty folder behind.
+            # Only now, so that an unknown recipe leaves no empty folder behind.
             make_folder(output)
         table = output / f"{window.name}.{format}"
         table_writer(table)(window.telemetry.samples, table)
@@ -124,7 +124,7 @@ def publish(
 
 
 def _simulate(scenario_file: Path | None, wheel_file: Path | None, seed: int, name: str) -> LabelledWindow:
-    """Simulate what the options ask for."""
+    """Simulate a recording by the options."""
     import numpy as np
 
     from rwa_monitor.monitor.setup import read_scenario, read_wheel

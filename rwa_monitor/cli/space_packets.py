@@ -1,4 +1,4 @@
-"""Space packets over UDP: `bridge` brings them onto the bus, `packets` sends verdicts and alarms from it."""
+"""Space packets over UDP: `bridge` publishes received telemetry on the bus, `packets` sends its verdicts and alarms."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ def bridge(udp: str, decoding: cli.Decoding, batch: int, stored: bool, bus: cli.
         watch = BusWatch(session, bus)
         run_bridge(bridge, receiver, stop, cli.log, lambda now_s: watch.log_changes(now_s, cli.log))
         stop.clear()
-        stop.wait(LINGER_S)  # the last message goes out; a second signal ends at once
+        stop.wait(LINGER_S)  # so that the last message is sent; a second signal ends the wait
     click.echo(json.dumps(bridge.counts(), ensure_ascii=False))
 
 
