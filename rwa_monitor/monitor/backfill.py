@@ -54,7 +54,7 @@ class Inbox:
     Attributes
     ----------
     max_messages, max_bytes
-        What it holds at most.
+        Limits of its content, in messages and bytes.
     patience_s
         How long to wait for room before a message is dropped and counted [s].
     dropped
@@ -73,7 +73,7 @@ class Inbox:
         self._lost: dict[str, Arrival] = {}  # of each publisher the last message that was dropped, without its content
         self._bytes = 0
         self._room = Condition()  # held for a few operations only
-        self._patient = True  # whether to wait for room: not again after a wait that failed, until a message is taken
+        self._may_wait = True  # for room: not again after a wait in vain, until a message is taken
         self._open = True  # Zenoh still calls callbacks after undeclare(): they check this
 
     def __len__(self) -> int:
@@ -91,9 +91,9 @@ class Inbox:
         with self._room:
             # While the reader is stalled, only the first message waits.
             if not self._fits(message) and not (
-                self._patient and self._room.wait_for(lambda: self._fits(message), self.patience_s)
+                self._may_wait and self._room.wait_for(lambda: self._fits(message), self.patience_s)
             ):
-                self._patient = False
+                self._may_wait = False
                 self.dropped += 1
                 if source and (source in self._lost or len(self._lost) < MAX_WHEELS):
                     self._lost[source] = message._replace(payload=b"")
@@ -109,7 +109,7 @@ class Inbox:
                 return None
             message = self._messages.popleft()
             self._bytes -= len(message.payload)
-            self._patient = True
+            self._may_wait = True
             self._room.notify_all()
             return message
 
@@ -192,7 +192,7 @@ class Backfill:
         self._gaps: dict[str, _Gap] = {}
         self._held_bytes = 0
         self._ready: deque[Arrival] = deque()
-        self._no_use: deque[str] = deque(maxlen=MAX_WHEELS)  # publishers whose messages were unreadable twice
+        self._unreadable_sources: deque[str] = deque(maxlen=MAX_WHEELS)  # a message of theirs was so twice
 
     def __len__(self) -> int:
         """Count the messages that wait here."""
@@ -237,8 +237,8 @@ class Backfill:
         """
         source, number = unread.source, unread.number
         if unread.again:
-            self._no_use.append(source)
-        if not source or source in self._no_use:
+            self._unreadable_sources.append(source)
+        if not source or source in self._unreadable_sources:
             return False
         gap = _Gap(number, Arrival(unread.key, b"", source, number + 1, is_gap=True), pauses_s=[], unread=unread)
         following = [arrival for arrival in self._ready if arrival.source == source]

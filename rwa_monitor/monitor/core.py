@@ -493,7 +493,7 @@ class Windows:
                 stop = stop // BLOCK_SLOTS * BLOCK_SLOTS
             if stop <= self._done:
                 return events
-            events += self._work_off(stop)
+            events += self._process_slots(stop)
             if stop < border:
                 return events
 
@@ -507,7 +507,7 @@ class Windows:
         first = self._samples + self.friction.reach
         return first + (slot - first) // self._hop * self._hop if slot >= first else 0
 
-    def _work_off(self, stop: int) -> list[Event]:
+    def _process_slots(self, stop: int) -> list[Event]:
         """Add the slots [done, stop) to all open windows."""
         start, self._done = self._done, stop
         speed, torque = self.ring.read_required(start, stop)
@@ -674,7 +674,7 @@ class SettingsCheck:
         return [Trouble("sample period", f"{question} The samples come every {period_s:.3g} s")]
 
 
-# ---- events and the messages made of them, which live monitor and replay share ---------------------------------------
+# ---- events and the messages for them, common to live monitor and replay ---------------------------------------------
 
 
 class WindowDiagnosed(NamedTuple):

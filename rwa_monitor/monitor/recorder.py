@@ -119,8 +119,8 @@ class Recorder:
     error: str = field(default="", init=False)
     _writer: RecordingWriter | None = field(default=None, init=False)
     # The previous file, for as long as wheels are left in it; these wheels, and functions that make their checkpoints.
-    _ending: RecordingWriter | None = field(default=None, init=False)
-    _left: dict[str, Callable[[], bytes]] = field(default_factory=dict, init=False)
+    _previous: RecordingWriter | None = field(default=None, init=False)
+    _unmoved: dict[str, Callable[[], bytes]] = field(default_factory=dict, init=False)
     _moved_s: float = field(default=0.0, init=False)
     _begun_s: float = field(default=0.0, init=False)
     _synced_s: float = field(default=0.0, init=False)
@@ -190,7 +190,7 @@ class Recorder:
         )
 
     def refused(self, key: str, payload: bytes) -> None:
-        """Record a message that was refused, as it came (the first 8 MiB of it)."""
+        """Record a message that was refused, as it arrived (the first 8 MiB of it)."""
         # Messages on more keys than a process may have wheels are recorded on one topic.
         if key not in self._refused_topics and len(self._refused_topics) >= messages.MAX_WHEELS:
             key = "rwa"
@@ -202,8 +202,8 @@ class Recorder:
         if self._writer is None:
             return
         with self._guarded(now_s):
-            if self._ending is not None:
-                self._ending.sync()
+            if self._previous is not None:
+                self._previous.sync()
             self._writer.sync()
             self._check_free(0)
             self._synced_s = now_s
@@ -229,7 +229,7 @@ class Recorder:
         full = written > max(self.max_file_bytes, 2 * begin) or now_s - self._begun_s > MAX_FILE_AGE_S
         if now_s - self._synced_s >= messages.PERIOD_S:
             self.sync(now_s)
-        if self._ending is not None:
+        if self._previous is not None:
             if not busy or now_s - self._moved_s >= BUSY_MOVE_S:
                 self._move(now_s)
         elif full and not self.error:
@@ -248,27 +248,27 @@ class Recorder:
             self.close(now_s)  # the previous file is complete in any case
             self._fail(error, now_s)
             return
-        self._ending, self._left = ending, dict(reversed(list(checkpoints.items())))
+        self._previous, self._unmoved = ending, dict(reversed(list(checkpoints.items())))
         self._begun_s = now_s
         self._move(now_s)
 
     def _move(self, now_s: float) -> None:
         """Move some more wheels to the new file, and close the previous one when none is left there."""
-        assert self._ending is not None
+        assert self._previous is not None
         assert self._writer is not None
         self._moved_s = now_s
         with self._guarded(now_s):
             # A state must not reach the disk before its inputs and outputs.
-            self._ending.sync()
+            self._previous.sync()
             moved = 0
             # At least one checkpoint: that of a full window of 80,000 slots has 1.7 MB, and takes 6 ms.
-            while self._left and moved < min(PIECE_BYTES, self.max_file_bytes):
-                name, make = self._left.popitem()
+            while self._unmoved and moved < min(PIECE_BYTES, self.max_file_bytes):
+                name, make = self._unmoved.popitem()
                 data = make()
                 moved += len(data)
                 self._ensure_room(self._writer.size + len(data), len(data), self._writer.size)
                 self._writer.attach(_attachment_of(name), data)
-            if not self._left:
+            if not self._unmoved:
                 self._writer.sync()
                 self._end("all")
                 self._writer.sync()
@@ -276,11 +276,11 @@ class Recorder:
 
     def _end(self, which: Held) -> None:
         """Close the previous file, if it is still open, and attach its name and hash to the new one."""
-        if self._ending is not None and self._writer is not None:
-            self._ending.close()
-            ended = Predecessor(self._ending.path.name, self._ending.sha256)
+        if self._previous is not None and self._writer is not None:
+            self._previous.close()
+            ended = Predecessor(self._previous.path.name, self._previous.sha256)
             self._writer.attach(SETTINGS_ATTACHMENT, self._settings_of(ended, which))
-            self._ending = None
+            self._previous = None
 
     def close(self, now_s: float) -> None:
         """Close the file, and the previous one if wheels are left in it: then both are needed to continue."""
@@ -291,23 +291,23 @@ class Recorder:
             self._end("some")
             writer.close()
             self._writer = None
-            self._left = {}
+            self._unmoved = {}
             self.predecessor = Predecessor(writer.path.name, writer.sha256)
 
     def abandon(self) -> None:
         """Close the files as they are, without their end, as a crash would leave them."""
-        if self._ending is not None:
-            self._ending.abandon()
+        if self._previous is not None:
+            self._previous.abandon()
         if self._writer is not None:
             self._writer.abandon()
             self.predecessor = predecessor_of(self._writer.path)
-        self._writer, self._ending, self._left = None, None, {}
+        self._writer, self._previous, self._unmoved = None, None, {}
 
     def write(self, message: EncodedMessage) -> None:
         """Record a message: an input before it is processed, or an output."""
         writer = self._writer
-        if self._left and "/".join(message.topic.split("/")[1:3]) in self._left:
-            writer = self._ending
+        if self._unmoved and "/".join(message.topic.split("/")[1:3]) in self._unmoved:
+            writer = self._previous
         if writer is None:
             return
         with self._guarded(self._synced_s):
@@ -350,7 +350,7 @@ class Recorder:
         sizes = [path.stat().st_size for path in recordings]
         # The new file continues the last one, or the last two: where the last holds some wheels only, or before the
         # first file of this run is complete.
-        kept = 1 if self._writer is not None and self._ending is None else 2
+        kept = 1 if self._writer is not None and self._previous is None else 2
         total = sum(sizes)
         for path, size in zip(recordings[:-kept], sizes, strict=False):
             if total + needed <= self.max_total_bytes:

@@ -343,7 +343,7 @@ def _short(value: Any) -> str:
 
 @dataclass(slots=True)
 class Report:
-    """What a replay found.
+    """The result of a replay.
 
     Attributes
     ----------
@@ -460,7 +460,7 @@ def replay(recordings: Path | Sequence[Path], on_progress: OnProgress = lambda *
 
 @dataclass(slots=True)
 class _Chain(Report):
-    """Runs recordings one after the other, and reports what it found."""
+    """Runs recordings one after the other, and collects the results."""
 
     owed: list[EncodedMessage] = field(default_factory=list)  # outputs lost with the end of the previous file
 

@@ -231,7 +231,7 @@ class Monitor:
         windows = sum(served.windows for served in self._served.values())
         self.log(f"stopped: {counted(windows, 'window')} of {counted(len(self._served), 'wheel')} diagnosed")
         with_samples = {key for key, served in self._served.items() if served.core is not None}
-        if unused := ["/".join(key) for key in self._setup.own if self._is_ours(*key) and key not in with_samples]:
+        if unused := ["/".join(key) for key in self._setup.own if self._is_in_shard(*key) and key not in with_samples]:
             self.log(f"wheel files that no wheel used: {', '.join(unused)}; are these the names on the bus?")
         self.searches.close()
         for served in self._served.values():
@@ -263,7 +263,7 @@ class Monitor:
             Whether the message was processed or refused; False where it was requested again.
         """
         try:
-            if not self._is_ours(*messages.split_key(key)[:2]):
+            if not self._is_in_shard(*messages.split_key(key)[:2]):
                 return True
             message = SamplesMessage.parse(payload, key)
             if message.data == "replay":
@@ -366,7 +366,7 @@ class Monitor:
             self.log(f"{served.name}: a message was refused: {text}")
         served.last_error = text
 
-    def _is_ours(self, spacecraft: str, wheel: str) -> bool:
+    def _is_in_shard(self, spacecraft: str, wheel: str) -> bool:
         share, of = self.options.shard
         # The same in every process and release; a checksum would spread names that differ by a digit unevenly.
         digest = blake2b(f"{spacecraft}/{wheel}".encode(), digest_size=8).digest()
@@ -491,7 +491,7 @@ def run(
     RwaMonitorError
         If the bus cannot be reached.
     """
-    log = _unbreakable(log)
+    log = _fail_safe_log(log)
     supervisor = supervisor or Supervisor({})
     check_wheels(options.wheels)
     setup = options.setup
@@ -534,7 +534,7 @@ def run(
         supervisor.stopping()
 
 
-def _unbreakable(log: Log) -> Log:
+def _fail_safe_log(log: Log) -> Log:
     """Return a log that does not end the monitor when its pipe is closed or its disk is full."""
 
     def logged(line: str) -> None:

@@ -186,7 +186,7 @@ class StoredTelemetry:
         """Yield the windows that are due, the earliest first, and the later ones whose prior state changes by that.
 
         Each comes with its slot grid, the latest state before it, and whether that state's window ends where this one
-        begins. The caller must `note` the state after it before asking for the next one.
+        begins. The caller must `note` the state after it before it takes the next one.
 
         Parameters
         ----------
