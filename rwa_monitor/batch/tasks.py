@@ -161,7 +161,7 @@ def not_nominal(recordings: Sequence[tuple[str, Samples]], wheel: Wheel) -> str:
     windows = [
         (name, window.diagnosis)
         for name, samples in recordings
-        for window in _full_ones(diagnose_samples(samples, wheel, model))
+        for window in _full_windows(diagnose_samples(samples, wheel, model))
     ]
     others = [(name, diagnosis) for name, diagnosis in windows if diagnosis.verdict != "nominal"]
     if not others:
@@ -181,7 +181,7 @@ def not_nominal(recordings: Sequence[tuple[str, Samples]], wheel: Wheel) -> str:
     )
 
 
-def _full_ones(windows: Iterable[WindowDiagnosed]) -> list[WindowDiagnosed]:
+def _full_windows(windows: Iterable[WindowDiagnosed]) -> list[WindowDiagnosed]:
     """Return the windows without partial ones, if there are others."""
     found = list(windows)
     return [window for window in found if not window.diagnosis.partial] or found
@@ -204,7 +204,7 @@ class ReadFeatures:
         wheel = self._wheel_of(file)
         samples = read_table(file).samples
         joint, paper = (
-            _full_ones(diagnose_samples(samples, wheel, None, method=method)) for method in get_args(Method)
+            _full_windows(diagnose_samples(samples, wheel, None, method=method)) for method in get_args(Method)
         )
         return [(by_joint.features, by_paper.features) for by_joint, by_paper in zip(joint, paper, strict=True)]
 

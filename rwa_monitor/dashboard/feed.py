@@ -86,9 +86,9 @@ class Hub:
                 beat_due = now + PERIOD_S  # a page without a beat for some seconds reports that the server is gone
                 beat = messages.dump_json({"wall_ns": time.time_ns(), "notes": [*filter(None, self.notes.values())]})
                 entries.append(Received(BEAT_KEY, beat, time.time_ns()))
-            self._hand_out(entries)
+            self._send_frames(entries)
 
-    def _hand_out(self, entries: list[Received]) -> None:
+    def _send_frames(self, entries: list[Received]) -> None:
         """Send the collected entries to the pages, after these."""
         statuses: dict[str, Received] = {}
         close_up: list[Received] = []

@@ -44,15 +44,17 @@ class DerivedFriction:
         self.wheel = wheel
         self._half = half_width(wheel.friction.derivative, wheel.sample_period_s)
         self._tail: Samples | None = None
-        self._left_ns = -1  # time of the last sample that was returned
+        self._returned_ns = -1  # time of the last sample that was returned
 
     def add(self, samples: Samples) -> Samples:
         """Add samples; return those whose friction is known now."""
         torque = motor_torque(samples, self.wheel)
         if samples.friction_torque_Nm is not None or torque is None or self.wheel.inertia_kg_m2 is None:
             return samples
-        warmth = _known(samples.bearing_temperature_degC, len(samples))
-        joined = Samples(samples.time_ns, samples.speed_rad_s, motor_torque_Nm=torque, bearing_temperature_degC=warmth)
+        temperature = _known(samples.bearing_temperature_degC, len(samples))
+        joined = Samples(
+            samples.time_ns, samples.speed_rad_s, motor_torque_Nm=torque, bearing_temperature_degC=temperature
+        )
         tail, period_ns = self._tail, self.wheel.period_ns
         if tail is not None and 0 < joined.time_ns[0] - tail.time_ns[-1] <= 2 * self._half * period_ns:
             joined = concatenate([tail, joined])
@@ -65,9 +67,9 @@ class DerivedFriction:
         friction = mended_friction(speed, torque, self.wheel)[slot]
         end = int(slot[-1]) - self._half
         self._tail = joined[slot > end - self._half]
-        ready = (slot <= end) & (joined.time_ns > self._left_ns)
+        ready = (slot <= end) & (joined.time_ns > self._returned_ns)
         if ready.any():
-            self._left_ns = int(joined.time_ns[ready][-1])
+            self._returned_ns = int(joined.time_ns[ready][-1])
         left = joined[ready]
         return Samples(
             left.time_ns, left.speed_rad_s, friction[ready], bearing_temperature_degC=left.bearing_temperature_degC
@@ -182,8 +184,8 @@ def thinned_json(picked: Samples) -> bytes:
 def _shown(samples: Samples) -> Samples:
     """Return time, speed, friction and bearing temperature of samples, NaN where not measured."""
     speed, friction = np.round(samples.speed_rad_s, 9), np.round(_known(samples.friction_torque_Nm, len(samples)), 9)
-    warmth = _known(samples.bearing_temperature_degC, len(samples))
-    return Samples(samples.time_ns, speed, friction, bearing_temperature_degC=warmth)
+    temperature = _known(samples.bearing_temperature_degC, len(samples))
+    return Samples(samples.time_ns, speed, friction, bearing_temperature_degC=temperature)
 
 
 def _known(values: FloatArray | None, count: int) -> FloatArray:

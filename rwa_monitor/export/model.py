@@ -328,7 +328,7 @@ class Recorded(NDArrayOperatorsMixin):
     def __array_ufunc__(self, ufunc: np.ufunc, method: str, *inputs: Any, **options: Any) -> Recorded:
         """Record a function of NumPy; `out`, of an operation in place, is ignored: the result is returned."""
         if method != "__call__" or not (ufunc in OPERATORS or ufunc in CALLS) or options.keys() - {"out"}:
-            raise _not_known(ufunc.__name__)
+            raise _no_counterpart(ufunc.__name__)
         return self._each(partial(self._recorder.apply, ufunc), *inputs)
 
     def __array_function__(self, function: Callable[..., Any], _: Any, inputs: Any, options: Any) -> Recorded:
@@ -336,7 +336,7 @@ class Recorded(NDArrayOperatorsMixin):
         if function is np.where:
             return self._each(self._recorder.select, *inputs)
         if function not in SHAPERS:
-            raise _not_known(function.__name__)
+            raise _no_counterpart(function.__name__)
         return Recorded(self._recorder, function(*(_cells(one) for one in inputs), **options))
 
     def _each(self, function: Callable[..., Cell], *inputs: Any) -> Recorded:
@@ -373,7 +373,7 @@ class Recorded(NDArrayOperatorsMixin):
         return (self[i] for i in range(len(self.cells)))
 
     def __bool__(self) -> bool:
-        raise _not_known("an if on a channel")
+        raise _no_counterpart("an if on a channel")
 
     def astype(self, _: Any) -> Recorded:
         """Return the array itself: all values are doubles in C."""
@@ -387,5 +387,5 @@ def _cells(value: Any) -> Any:
     return value.cells if isinstance(value, Recorded) else np.asarray(value, dtype=object)
 
 
-def _not_known(what: str) -> InputError:
+def _no_counterpart(what: str) -> InputError:
     return InputError("export", f"{what} has no counterpart in C; write the effect's column with plain functions")

@@ -332,9 +332,9 @@ def shift_of(values: FloatArray, stds: FloatArray, anomalous: BoolArray, nominal
     earlier = values[:-LATEST][~anomalous[:-LATEST] & np.isfinite(values[:-LATEST])]
     if earlier.size >= FEWEST_EARLIER:
         was = float(np.median(earlier))
-        wander = max(float(np.median(np.abs(earlier - was))) / math.sqrt(CHI_MEDIAN), LEAST_WANDER * was)
+        scatter = max(float(np.median(np.abs(earlier - was))) / math.sqrt(CHI_MEDIAN), LEAST_WANDER * was)
         # The median of n windows has π/2 times the variance of their mean.
-        variance = wander**2 * (1.0 + 0.5 * np.pi / earlier.size)
+        variance = scatter**2 * (1.0 + 0.5 * np.pi / earlier.size)
     else:
         was, variance = 0.5 * sum(nominal), ((nominal[1] - nominal[0]) / BOUNDS_APART) ** 2
     if not was > 0.0:  # NaN too: neither earlier windows nor bounds
@@ -396,7 +396,7 @@ def moved(name: str, wheel: str, shifts: Mapping[str, Shift]) -> Moved | None:
     name
         Of the coefficient, one of `COMPARED`.
     wheel
-        Which of the wheels is judged.
+        The wheel that is compared with the others.
     shifts
         By wheel.
     """

@@ -213,7 +213,7 @@ class History(Database):
         row.trail.append(line)
 
     def acknowledge(self, alarm_id: int, person: str, note: str = "") -> AlarmRecord:
-        """Acknowledge an alarm; returns it as it is then.
+        """Acknowledge an alarm; returns its new state.
 
         Raises
         ------
