@@ -51,10 +51,8 @@ class DerivedFriction:
         torque = motor_torque(samples, self.wheel)
         if samples.friction_torque_Nm is not None or torque is None or self.wheel.inertia_kg_m2 is None:
             return samples
-        temperature = _known(samples.bearing_temperature_degC, len(samples))
-        joined = Samples(
-            samples.time_ns, samples.speed_rad_s, motor_torque_Nm=torque, bearing_temperature_degC=temperature
-        )
+        temp = _known(samples.bearing_temperature_degC, len(samples))
+        joined = Samples(samples.time_ns, samples.speed_rad_s, motor_torque_Nm=torque, bearing_temperature_degC=temp)
         tail, period_ns = self._tail, self.wheel.period_ns
         if tail is not None and 0 < joined.time_ns[0] - tail.time_ns[-1] <= 2 * self._half * period_ns:
             joined = concatenate([tail, joined])
@@ -184,8 +182,8 @@ def thinned_json(picked: Samples) -> bytes:
 def _shown(samples: Samples) -> Samples:
     """Return time, speed, friction and bearing temperature of samples, NaN where not measured."""
     speed, friction = np.round(samples.speed_rad_s, 9), np.round(_known(samples.friction_torque_Nm, len(samples)), 9)
-    temperature = _known(samples.bearing_temperature_degC, len(samples))
-    return Samples(samples.time_ns, speed, friction, bearing_temperature_degC=temperature)
+    temp = _known(samples.bearing_temperature_degC, len(samples))
+    return Samples(samples.time_ns, speed, friction, bearing_temperature_degC=temp)
 
 
 def _known(values: FloatArray | None, count: int) -> FloatArray:
