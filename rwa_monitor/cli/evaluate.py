@@ -45,8 +45,8 @@ def evaluate(diagnoses: Path, labels: Path, json: bool) -> int:
     monitor, or a folder of them. LABELS is a labels.csv as `train` reads it (file,dry,viscous,<switching systems>; a
     label holds for all windows of its file), or a table of events (wheel,kind,start_ns,end_ns).
 
-    A window raises an alarm of each active anomaly where its verdict is anomalous, over all of its time. Beside the
-    diagnoses stand two dummies: one that alarms always, and one that never does. docs/evaluate.md defines the scores.
+    A window raises an alarm of each active anomaly where its verdict is anomalous, over all of its time. The same
+    scores are given for two dummies: one that alarms always and one that never does. docs/evaluate.md defines them.
     """
     from rwa_monitor.telemetry.labels import beside_labels
 

@@ -223,7 +223,7 @@ bus_options = as_one(
     option("-e --connect", str, "ENDPOINT", "Connect there, such as tcp/HOST:7447 (repeatable).", multiple=True),
     option("-l --listen", str, "ENDPOINT", "Listen, as on tcp/127.0.0.1:7447 (repeatable).", multiple=True),
     option("-c --config", FILE, "FILE", "Zenoh configuration (JSON5), as for TLS."),
-    flag("--no-multicast-scouting", "Do not look for others by multicast: so it is anyway, unless -c sets otherwise."),
+    flag("--no-multicast-scouting", "Do not look for others by multicast: the default, unless -c sets otherwise."),
 )
 
 

@@ -34,8 +34,8 @@ def simulate() -> None:
 def recording(scenario: Path | None, wheel: Path | None, seed: int, output: Path) -> None:
     """Write one recording: CSV or Parquet by the suffix of -o FILE (.csv, .parquet).
 
-    The truth lies beside it: FILE.truth.json (labels, jumps, scenario) and FILE.truth.pq (every slot, as Parquet); so
-    does the wheel where it is not the built-in one: FILE.wheel.toml.
+    The truth is written next to it: FILE.truth.json (labels, jumps, scenario) and FILE.truth.pq (every slot, as
+    Parquet); so does the wheel where it is not the built-in one: FILE.wheel.toml.
     """
     from rwa_monitor.telemetry.labels import write_truth
     from rwa_monitor.telemetry.table import table_writer
@@ -56,7 +56,7 @@ def recording(scenario: Path | None, wheel: Path | None, seed: int, output: Path
 def dataset(recipe: str, count: int, seed: int, output: Path, format: str) -> None:  # noqa: A002
     """Write labelled windows into the folder -o DIR: one sample table each, labels.csv, and the truth of each.
 
-    The wheel of each window lies beside its table, for the recipes draw wheels too.
+    The wheel file of each window is written next to its table, since recipes draw wheels too.
     """
     from rwa_monitor.simulation.datasets import generate
     from rwa_monitor.telemetry.files import make_folder

@@ -231,7 +231,7 @@ class Beat(_Shown):
 
 
 class PulseOfWheel(_Shown):
-    """What a status comes to for a page that does not show the wheel; why all messages were refused, else null."""
+    """Summary of a status for a page that does not show the wheel; why all messages were refused, else null."""
 
     reported_wall_ns: int
     window_fill: float

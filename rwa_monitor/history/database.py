@@ -410,7 +410,7 @@ class ReachRecord(Message):
 
 
 class TrendRecord(Message):
-    """What the windows of a wheel show of the trend of one estimate (`diagnosis.trend`)."""
+    """The trend of one estimate over the windows of a wheel (`diagnosis.trend`)."""
 
     name: str
     unit: str

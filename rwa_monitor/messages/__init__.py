@@ -178,7 +178,7 @@ Readings = Annotated[list[float | None], Field(max_length=MAX_SAMPLES)]
 class SamplesMessage(Message):
     """Telemetry of a wheel: arrays of one length, null where a value was not measured.
 
-    `publisher` is a random name per start of a publisher and `batch` counts its messages, so that a gap shows; any
+    `publisher` is a random name per start of a publisher and `batch` counts its messages, so that a gap is seen; any
     publisher that writes the arrays is served without them. `data` is "stored" where they were kept before they were
     sent, in any order, and "live" from a publisher of a wheel whose stored samples come, too; such messages are
     numbered apart. It is "replay" for a recording, or a rehearsal, which is served beside the wheel (`replay_key`).
@@ -240,7 +240,7 @@ def samples_json(samples: Samples, publisher: str, batch: int, data: Timeliness 
 
 
 class Quantity(Message):
-    """A value with its standard deviation; null where the window does not show it."""
+    """A value with its standard deviation; null where the window does not determine it."""
 
     value: Number | None
     std: Number | None
@@ -473,7 +473,7 @@ class FoundEffect(Message):
 
 
 class NearestEffect(Message):
-    """The catalogue's effect that comes nearest to what is unexplained, and which share of its squares it takes up."""
+    """The catalogue's effect nearest to the unexplained part, and the share of its sum of squares that it explains."""
 
     effect: str
     share: Number

@@ -34,7 +34,7 @@ UNLIMITED_ACCELERATION_S: Final = 30.0  # s, from rest to the nominal speed, whe
 
 
 class SpeedProfile(Strict):
-    """What the wheel is made to do.
+    """The commanded motion of the wheel.
 
     Attributes
     ----------

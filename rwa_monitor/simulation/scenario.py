@@ -190,7 +190,7 @@ class Anomaly(Strict):
 
 
 class Base(Strict):
-    """Where this wheel's healthy friction lies beside its wheel file's historical averages, as factors on them.
+    """Healthy friction of this wheel relative to its wheel file's historical averages, as factors on them.
 
     Base dry friction drifts from there as a random walk: `dry_drift_per_sqrt_h` is its standard deviation after an
     hour, relative to the average [1/√h].

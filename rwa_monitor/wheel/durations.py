@@ -183,7 +183,7 @@ class Lognormal(_RoundedContinuous):
 
 
 class Histogram(_PiecewiseLinear):
-    """Bins [edges[i], edges[i+1]) of whole slots with weights; equally likely within a bin. What `identify` writes."""
+    """Bins [edges[i], edges[i+1]) of whole slots with weights; equally likely within a bin; `identify` writes it."""
 
     law: Literal["histogram"] = "histogram"
     edges: Annotated[tuple[Annotated[int, Field(le=LONGEST)], ...], Field(min_length=2)]

@@ -86,7 +86,7 @@ class Window(Strict):
 
 
 class TemperatureRange(Strict):
-    """Temperature of the bearing at which viscous friction was learned; beyond it is not judged [°C]."""
+    """Temperature of the bearing at which viscous friction was learned; beyond, it is inconclusive [°C]."""
 
     low_degC: Annotated[float, Field(gt=-273.15)]
     high_degC: float

@@ -28,7 +28,7 @@ class Stribeck(MeanEffect):
     Near zero speed the balls ride on metal instead of on a film of lubricant (mixed and boundary lubrication), and the
     drag is higher than the Coulomb level by up to the difference to the static friction. How sharp the knee is differs:
     δ = 1 (Tustin) and 2 (Gaussian, as in LuGre) are usual, ½ to 1 was measured by Bo and Pavelescu, 1.4 is in SKF's
-    φ_bl. Both usual ones are tried, and any other is fitted where that pays.
+    φ_bl. Both usual ones are tried, and any other is fitted where the score favours it.
 
     What shows it
     -------------
@@ -266,8 +266,8 @@ class SublinearViscous(MeanEffect):
     (νn)^0.6, with inlet shear heating and replenishment or starvation as two further factors, both falling with the
     speed: they lower the apparent exponent and are not where the 0.6 comes from. The strength is the drag at 1 rad/s
     and 20 °C. Viscosity enters with the same power as the speed: where the bearing's temperature is recorded and
-    varies, the oil's B (Andrade's law, see `viscosity_temperature`) is fitted, too, if that pays; B = 0 is a drag that
-    does not follow the temperature.
+    varies, the oil's B (Andrade's law, see `viscosity_temperature`) is fitted too if the score favours it; B = 0 is a
+    drag that does not follow the temperature.
 
     What shows it
     -------------

@@ -198,10 +198,10 @@ TWICE: Final = ("viscous*power(speed)",)  # left out: equals dry*power(speed) wi
 class Formula(MeanEffect):
     """A carrier times a function of one variable; `FORMULAS` holds a class for each structure.
 
-    Where a free curve stays unexplained and no effect of the catalogue explains it, the structures of a small grammar
-    are fitted beside everything else, as the effects are: a carrier (dry: sign ω, viscous: ω, even: no direction) times
-    a function of one variable. A formula that is found describes the records that it was fitted to, over the range that
-    they cover. It has no physics in it and names no cause.
+    Where a nonparametric curve remains that no effect of the catalogue explains, the structures of a small grammar are
+    fitted together with everything else, as the effects are: a carrier (dry: sign ω, viscous: ω, even: no direction)
+    times a function of one variable. A formula that is found describes the records that it was fitted to, over the
+    range that they cover. It has no physics in it and names no cause.
 
     References
     ----------

@@ -94,7 +94,7 @@ class TorqueConstantTemperature(MeanEffect):
     """A torque constant that changes with temperature.
 
     Permanent magnets lose flux as they warm up, so that the true torque constant is below the assumed one and the
-    difference reads as friction: k > 0. The bearing's temperature stands for the magnets', which follow it with a lag
+    difference reads as friction: k > 0. The bearing's temperature is used for the magnets', which follow it with a lag
     of the first order; 0 is none.
 
     What shows it

@@ -59,10 +59,11 @@ class TorqueRipple(MeanEffect):
     D_b cos α / D_p), about 0.4 of the speed where the inner ring turns, and what the balls do repeats with multiples of
     that and of their own spin, as a rule no whole orders of the wheel. Behind a gear its stages add orders of their
     own. Whole orders up to 48 are searched, and any other at which the residual of one record has a line over the
-    angle. Over n turns orders nearer than 1/n look alike: in a record of fewer than 50 the order is fitted, and what
-    fits as well is reported. Sampled slowly, the ripple shows as beats at speeds where a multiple of the rotation meets
-    the sampling rate. The angle is an integral of the measured speed and loses its phase as the noise adds up: after n
-    slots of speed noise σ the phase has wandered by h·σ·Δt·√n rad, so fit in blocks where this is below about one.
+    angle. Over n turns orders nearer than 1/n cannot be distinguished: in a record of fewer than 50 the order is
+    fitted, and others that fit as well are reported. Sampled slowly, the ripple shows as beats at speeds where a
+    multiple of the rotation meets the sampling rate. The angle is an integral of the measured speed and loses its phase
+    as the noise adds up: after n slots of speed noise σ the phase is off by h·σ·Δt·√n rad, so fit in blocks where this
+    is below about one.
 
     What shows it
     -------------
