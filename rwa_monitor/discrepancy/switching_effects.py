@@ -159,11 +159,9 @@ def _compare(evidence: SwitchingEvidence, gathered: Evidence, plain: Wheel, shor
     No attribution is certain to be the best: the known laws are also scored on attributions found with other laws.
     """
     base = _attribute(gathered, plain)
-    fits: dict[str, LikelihoodFit] = {}
-    extra, others = _with_extra_system(gathered, base, shortest), _with_other_laws(gathered, base)
+    extra, others = _with_extra_system(gathered, base, evidence.good, shortest), _with_other_laws(gathered, base)
     base = max([base, *(one.under(plain, gathered.slots) for one in others)], key=lambda one: one.score)
-    if extra is not None:
-        fits[EXTRA] = _describe_extra(evidence, extra, base.score)
+    fits = {} if extra is None else {EXTRA: _describe_extra(evidence, extra, base.score)}
     if not others:
         return fits
     other = max(others, key=lambda one: one.score)
@@ -208,16 +206,17 @@ def _attribute_given(gathered: Evidence, wheel: Wheel, priors: Priors) -> _Attri
 # ---- an additional system --------------------------------------------------------------------------------------------
 
 
-def _with_extra_system(gathered: Evidence, base: _Attributed, shortest: int) -> _Attributed | None:
+def _with_extra_system(gathered: Evidence, base: _Attributed, used: BoolArray, shortest: int) -> _Attributed | None:
     """Return the best attribution with an additional system; None where too few jumps are attributed to it.
 
-    Or where its mean sojourns last fewer than `shortest` slots, as artefacts of a filter do. Its size is the commonest
-    of the jumps that no known system makes, or of all jumps, in case known ones make that size, too.
+    Or where its mean sojourns hold fewer than `shortest` used samples, bool (slots,), as artefacts of a filter do. Its
+    size is the commonest of the jumps that no known system makes, or of all jumps, in case known ones make it, too.
     """
     found = base.assignment
     sizes = (np.sort(np.abs(found.jump[jumps])) for jumps in (_is_odd(base), found.direction != 0))
     fitted = [_fitted_extra(gathered, base, _commonest(one)) for one in sizes if one.size >= FEWEST_OF_EXTRA]
-    lasting = [one for one in fitted if one and min(law.mean() for law in one.wheel.fss[-1].durations) >= shortest]
+    samples = np.append(0, np.cumsum(used))
+    lasting = [one for one in fitted if one and all(_mean_length(one, q, np.inf, samples) >= shortest for q in (0, 1))]
     return max(lasting, key=lambda one: one.score, default=None)
 
 
@@ -254,7 +253,7 @@ def _fitted_extra(gathered: Evidence, base: _Attributed, alike: FloatArray) -> _
         sizes = max((1.0 - SIZE_MARGIN) * low, least), min((1.0 + SIZE_MARGIN) * high, most)
         if sizes[0] >= sizes[1]:  # only jumps of other sizes were attributed to it
             return None
-        rest, active = (_mean_length(attributed, q) or mean for q, mean in ((0, rest), (1, active)))
+        rest, active = (_mean_length(attributed, q, mean) for q, mean in ((0, rest), (1, active)))
         shape = _shape_of(attributed) or shape
     return best
 
@@ -276,14 +275,16 @@ def _sizes_of_extra(attributed: _Attributed) -> FloatArray:
     return np.asarray(np.abs(attributed.assignment.jump[mine]))
 
 
-def _mean_length(attributed: _Attributed, configuration: int) -> float | None:
-    """Return the mean sojourn of the extra system in a configuration [slots], at least one; None where there is none.
+def _mean_length(attributed: _Attributed, configuration: int, none: float, samples: IntArray | None = None) -> float:
+    """Return the mean sojourn of the extra system in a configuration [slots], at least one; `none` where there is none.
 
     The first sojourn counts from the record's beginning; the last one, whose end is not observed, does not count.
+    `samples`: the number of samples before each slot, int64 (slots + 1,), to count in samples.
     """
-    lengths = np.diff(attributed.assignment.starts[-1])
+    starts = attributed.assignment.starts[-1]
+    lengths = np.diff(starts if samples is None else samples[starts])
     at = lengths[attributed.assignment.configurations[-1][:-1] == configuration]
-    return max(float(at.mean()), 1.0) if at.size else None
+    return max(float(at.mean()), 1.0) if at.size else none
 
 
 def _shape_of(attributed: _Attributed) -> float | None:
