@@ -1,7 +1,7 @@
-"""What the project measures of itself: each folder or file is one question, and a target of the Makefile runs it."""
+"""Benchmarks of the project: each folder or file answers one question, and a target of the Makefile runs it."""
 
 import os
 
-# One thread for linear algebra in every process, before numpy is imported: workers share the cores, and what is timed
-# is the work of one.
+# One thread for linear algebra in every process, set before numpy is imported: workers share the cores, and each timing
+# is that of a single thread.
 os.environ |= dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"), "1")

@@ -1,1 +1,1 @@
-"""How often diagnoses of labelled windows are right, beside the paper and oracles: `make benchmark-accuracy`."""
+"""How often diagnoses of labelled windows are right, compared with the paper and oracles: `make benchmark-accuracy`."""

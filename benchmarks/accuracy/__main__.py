@@ -1,8 +1,8 @@
-"""How often diagnoses of labelled windows are right, beside the paper's figures and oracles: `make benchmark-accuracy`.
+"""How often diagnoses of labelled windows are right, against the paper and oracles: `make benchmark-accuracy`.
 
     python -m benchmarks.accuracy [--windows N] [--seed N] [--jobs N] [--recipes NAME …] [--recipes-only] [-o FILE]
 
-Half an hour of processor time with the defaults. What it finds does not depend on the number of processes. Prints the
+Takes half an hour of processor time with the defaults. The results do not depend on the number of processes. Prints the
 page; exit code 1 where a target is missed.
 """
 

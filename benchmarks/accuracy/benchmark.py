@@ -1,4 +1,4 @@
-"""The accuracy benchmark: both methods and two oracles on labelled windows, beside the paper's figures."""
+"""The accuracy benchmark: both methods and two oracles on labelled windows, compared with the paper's figures."""
 
 from __future__ import annotations
 
@@ -22,12 +22,12 @@ from rwa_monitor.simulation.datasets import generate
 from rwa_monitor.wheel.wheel import Wheel
 
 RECIPES: Final = ("paper", "mild", "flown", "hard", "derived")
-WINDOWS: Final = 1250  # of which the protocol's 80 %, a thousand, are judged in each split
-SPLITS: Final = 5  # with a thousand windows judged in each, more add little
+WINDOWS: Final = 1250  # of a recipe; the protocol validates on 80 % of them, a thousand, in each split
+SPLITS: Final = 5  # with a thousand validation windows in each, more splits add little
 SEED: Final = 18_180
-# What earlier windows are worth and what identified laws cost is measured on wheels of their own: the data sets' seed
-# and these added.
-# What one window of `flown` can show, by oracle B, and by how much the diagnosis may find less.
+# The benefit of earlier windows and the cost of identified laws are measured on separate wheels: their seeds are the
+# data sets' seed plus these offsets.
+# The detection rate that one window of `flown` allows (oracle B), and by how much the diagnosis may fall short of it.
 FLOWN_CEILING: Final = (0.85, 0.98)
 FLOWN_BELOW: Final = 0.015
 COURSE_SEED: Final = 1
@@ -40,7 +40,7 @@ COMPARED: Final[dict[str, tuple[str, Method]]] = {
     "oracle B": ("oracle B", "joint"),
     "oracle A": ("oracle A", "joint"),
 }
-# The paper's method is tried on the paper's statistics; on many candidates it takes a second a window.
+# The paper's method is run on the paper's recipe only; with many candidates it takes a second per window.
 PAPERS_RECIPES: Final = ("paper",)
 COURSE_WHEELS: Final[dict[CourseName, int]] = {
     "lasting": 100,
@@ -52,7 +52,7 @@ LAWS_WHEELS: Final = 40
 
 @dataclass(frozen=True, slots=True)
 class RecipeResult:
-    """What came of one recipe.
+    """Results on one recipe.
 
     Attributes
     ----------
@@ -61,7 +61,7 @@ class RecipeResult:
     accuracy
         By the names of `COMPARED`.
     jumps
-        By method and of oracle C, summed over all windows.
+        By method and for oracle C, summed over all windows.
     rejected
         By method: for each window the number of rejected candidates.
     """
@@ -84,11 +84,11 @@ class Benchmark:
     recipes
         One entry per recipe.
     times
-        Of each stage, by method.
+        Wall time of each stage, by method.
     carried
-        By course of `carried`; empty where it was not asked for.
+        By course of `carried`; empty where it was not requested.
     laws
-        With identified laws; None where it was not asked for.
+        Comparison with identified laws; None where it was not requested.
     """
 
     recipes: tuple[RecipeResult, ...]
@@ -120,13 +120,13 @@ def run(
     recipes, windows, seed
         Data sets, windows of each, seed of each.
     workers
-        Processes; the accuracy does not depend on their number, the times are taken in this one.
+        Processes; the accuracy does not depend on their number. Times are measured in the calling process.
     splits
         Random splits of the paper's protocol.
     courses
         Wheels of each course of `carried`.
     laws_wheels
-        Wheels that are identified; 0 leaves that out.
+        Number of wheels whose laws are identified; 0 omits this comparison.
     """
     results = []
     for recipe in recipes:
@@ -186,7 +186,7 @@ def summarise(
 
 
 def targets(benchmark: Benchmark) -> list[Target]:
-    """Return the project's targets for what was run, with what was reached."""
+    """Return the project's targets for the parts that were run, with the figures reached."""
     found = []
     for result in benchmark.recipes:
         if result.recipe == "derived":
@@ -221,7 +221,7 @@ def _targets_of_jumps(result: RecipeResult) -> list[Target]:
 
 
 def _targets_of_flown(result: RecipeResult) -> list[Target]:
-    """Whether the recipe is neither too easy nor hopeless, and the diagnosis near what a window can show."""
+    """Return the targets that the recipe is neither too easy nor hopeless, and the diagnosis close to oracle B."""
     joint, oracle = result.accuracy["joint"], result.accuracy["oracle B"]
     ceiling = float(np.mean([detection(oracle, anomaly) for anomaly in oracle.anomalies]))
     low, high = FLOWN_CEILING

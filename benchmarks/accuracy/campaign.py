@@ -1,4 +1,4 @@
-"""Many labelled windows through the monitor, on several cores, in order; and the time that each stage takes."""
+"""Runs many labelled windows through the monitor on several cores, in order, and times each stage."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ Found = TypeVar("Found")
 
 @dataclass(frozen=True, slots=True)
 class _Task:
-    """The windows of one wheel; each process simulates its own, which are large."""
+    """The windows of one wheel; each process simulates its own, since they are too large to pass between processes."""
 
     recipe: str
     number: int
@@ -73,7 +73,7 @@ def in_processes(work: Callable[[Given], Found], tasks: Iterable[Given], workers
     if workers == 0:
         yield from map(work, tasks)
         return
-    # Started afresh, not forked: a fork would copy whatever threads and sessions the caller has.
+    # Spawned, not forked: a fork would inherit whatever threads and sessions the caller has.
     with multiprocessing.get_context("spawn").Pool(workers) as pool:
         yield from pool.imap(work, tasks, chunksize=1)
 
@@ -89,7 +89,7 @@ class StageTimes:
 def time_stages(windows: Sequence[LabelledWindow], model: Model, method: Method) -> StageTimes:
     """Time the stages on given windows, one after the other in this process.
 
-    The first window is run once before, so that what is loaded at first use does not count.
+    The first window is run once beforehand, untimed, so that loading at first use does not count.
     """
     rows = [_time_window(window, model, method) for window in (windows[0], *windows)][1:]
     seconds = {stage: np.array([row[k] for row in rows]) for k, stage in enumerate(STAGES)}
@@ -115,7 +115,7 @@ def _time_joint(window: LabelledWindow, model: Model) -> tuple[float, float, flo
 
 
 def _time_paper(window: LabelledWindow, model: Model) -> tuple[float, float, float]:
-    """The samples and the estimate of their noise are given."""
+    """Time the paper's method, given the samples and the estimate of their noise."""
     wheel, evidence = window.wheel, window_of(window).evidence()
     models, names, signal = models_for(wheel, model), wheel.anomalies, detection.Signal.of(evidence)
     begin = time.thread_time()

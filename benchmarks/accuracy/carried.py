@@ -1,8 +1,8 @@
-"""What earlier windows of a wheel are worth: the last window of a record with and without the state carried to it.
+"""How much the state carried over from earlier windows of a wheel improves its diagnosis.
 
-Judged by the built-in model, which was trained on none of these wheels. Three histories of an anomaly: one that was
-there all the time, one that begins with the last window (so that ten healthy windows went before), and the slow
-growth of the recipe `fleet`.
+Windows are diagnosed with and without the carried state by the built-in model, which was trained on none of these
+wheels. Three courses of an anomaly: present from the first window, beginning with the last window (after ten healthy
+ones), and the slow growth of the recipe `fleet`.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from rwa_monitor.wheel.wheel import Wheel
 
 EARLIER: Final = 10  # windows before the one that is judged
 CourseName = Literal["lasting", "sudden", "growing"]
-LASTING: Final = 2 * EARLIER  # windows of a wheel whose anomaly lasts; those with at least EARLIER before are judged
+LASTING: Final = 2 * EARLIER  # windows of a wheel whose anomaly lasts; those after at least EARLIER others are judged
 COURSES: Final[dict[CourseName, str]] = {
     "lasting": f"`mild`, {LASTING} windows a wheel, the anomaly there from the first; the last {EARLIER} are judged",
     "sudden": f"`mild`, the anomaly begins with the last of {EARLIER + 1} windows, which is judged",
@@ -36,7 +36,7 @@ COURSES: Final[dict[CourseName, str]] = {
 
 @dataclass(frozen=True, slots=True)
 class JudgedWindows:
-    """Windows judged, with and without the state of earlier ones.
+    """Diagnoses of windows with and without the state of earlier ones.
 
     Attributes
     ----------
@@ -45,10 +45,10 @@ class JudgedWindows:
     truth
         bool (windows, anomalies).
     healthy
-        bool (windows, anomalies), where the anomaly has not begun. While it grows to half of its final severity, it is
-        neither there nor absent.
+        bool (windows, anomalies), where the anomaly has not begun. While it grows to half of its final severity, it
+        counts neither as present nor as absent.
     carried, alone
-        bool (windows, anomalies), what is diagnosed with and without the earlier windows.
+        bool (windows, anomalies), the anomalies diagnosed with and without the earlier windows.
     open_carried, open_alone
         bool (windows,), whether the verdict is inconclusive.
     """
@@ -62,7 +62,7 @@ class JudgedWindows:
     open_alone: BoolArray
 
     def rates(self, diagnosed: BoolArray) -> tuple[FloatArray, FloatArray]:
-        """Return detection and false positives of each anomaly, float64 (anomalies,)."""
+        """Return the detection rate and the false-positive rate of each anomaly, float64 (anomalies,)."""
         return (
             (diagnosed & self.truth).sum(axis=0) / np.maximum(self.truth.sum(axis=0), 1),
             (diagnosed & self.healthy).sum(axis=0) / np.maximum(self.healthy.sum(axis=0), 1),
@@ -76,7 +76,7 @@ class _Task:
     seed: int
 
     def run(self) -> list[tuple[list[bool], list[bool], list[bool], list[bool], bool, bool]]:
-        """Return for each window what `JudgedWindows` holds, in its order."""
+        """Return one row per window: the fields of `JudgedWindows` after `anomalies`, in their order."""
         recipe = _recipe(self.course)
         windows = list(wheel_windows(recipe, self.number, self.seed))
         model, state, rows = built_in_model(), CarriedState.empty(), []

@@ -1,4 +1,4 @@
-"""Event-wise scores of windows judged, as `rwa-monitor evaluate` gives them, with the two dummies."""
+"""Event-wise scores of diagnosed windows, as `rwa-monitor evaluate` gives them, with the two dummy detectors."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ COLUMNS: Final = {
 def event_table(
     diagnosed: BoolArray, truth: BoolArray, anomalies: Sequence[str], columns: Sequence[str], windows: int = 1
 ) -> str:
-    """Return a table with the scores of each anomaly and of any, and of the dummies on any.
+    """Return a table with the scores of each anomaly and of "any anomaly", and of the dummy detectors on the latter.
 
     Parameters
     ----------
@@ -39,7 +39,7 @@ def event_table(
     columns
         Which of `COLUMNS`.
     windows
-        How many of each wheel; they are a timeline, and its windows with an anomaly in a row one event.
+        Number of windows of each wheel. They form a timeline; consecutive windows with an anomaly are one event.
     """
     together = list(_timelines(np.logical_or.reduce(diagnosed, axis=1), np.logical_or.reduce(truth, axis=1), windows))
     scores = {name: score(_timelines(diagnosed[:, a], truth[:, a], windows)) for a, name in enumerate(anomalies)} | {

@@ -1,7 +1,7 @@
-"""What it costs not to be given a wheel's laws: the diagnosis with laws learned by `identify` beside the true ones.
+"""How much accuracy is lost where a wheel's laws are learned by `identify` instead of given.
 
-Each wheel first gives healthy recordings, from which its switching systems are identified; then windows of the recipe
-`mild`, which are diagnosed twice, with the true laws and with the identified ones. The built-in model judges both.
+For each wheel, healthy recordings are simulated, from which its switching systems are identified; then windows of the
+recipe `mild`, which are diagnosed twice by the built-in model: with the true laws and with the identified ones.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from rwa_monitor.simulation.datasets import RECIPES, LabelledWindow, Recipe, whe
 from rwa_monitor.simulation.scenario import Scenario
 from rwa_monitor.wheel.wheel import FrictionRange, Wheel
 
-RECORDINGS: Final = 8  # healthy windows that a wheel is identified from
+RECORDINGS: Final = 8  # healthy windows from which a wheel is identified
 WINDOWS: Final = 25  # windows of each wheel that are diagnosed: each status five times
 
 
@@ -36,8 +36,8 @@ class LawsResult:
     anomalies
         Their names.
     wheels, refused, misread
-        Wheels in all; those for which `identify` reports too little data; those whose systems come out with
-        another number of configurations. Windows of the last two are not among those judged.
+        Number of wheels; of those for which `identify` reports too little data; of those whose systems are identified
+        with another number of configurations. Windows of the last two groups are not diagnosed.
     truth, with_true, with_identified
         bool (windows, anomalies).
     jumps_true, jumps_identified
@@ -57,7 +57,7 @@ class LawsResult:
 
 @dataclass(frozen=True, slots=True)
 class _Wheel:
-    """What came of one wheel; `failed` states why there is nothing, else it is empty."""
+    """Results on one wheel; `failed` states why there are none, else it is empty."""
 
     failed: str
     rows: list[tuple[list[bool], list[bool], list[bool]]]
@@ -71,7 +71,7 @@ class _Task:
     seed: int
 
     def run(self) -> _Wheel:
-        """Learn the laws of one wheel, and judge them and what is diagnosed with them."""
+        """Identify the laws of one wheel, and diagnose its windows with the true and the identified ones."""
         model = built_in_model()
         mild = RECIPES["mild"]
         # The same seed and number draw the same wheel; its recordings and windows then differ by their length.
@@ -109,7 +109,7 @@ class _Task:
 
 
 def _healthy(wheel: Wheel, number: int, windows: int, rng: np.random.Generator) -> Scenario:
-    """A wheel of `mild` before anything ails it."""
+    """Return the scenario of a wheel of `mild` without its anomalies."""
     return RECIPES["mild"].scenario(wheel, number, windows, rng).model_copy(update={"anomalies": {}})
 
 

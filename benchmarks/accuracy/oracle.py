@@ -1,10 +1,10 @@
-"""What the best method could know: features from the truth, to separate a method's errors from what data cannot show.
+"""Oracles: methods that are given part of the truth, to separate a method's errors from the limits of the data.
 
 Oracle A is given the true components and configurations. Oracle B is given when each system jumped, and estimates the
-rest from the samples: friction, and where a system shows fewer configurations than it has, which of them these are.
+rest from the samples: friction, and where fewer configurations of a system occur than it has, which ones these are.
 
-Oracle C is one of changepoints: it is given that there is a jump, and the noise; where exactly, and which system made
-it, it has to find out. No search that is given laws, noise and slope can place and assign more.
+Oracle C concerns changepoints: it is given the jumps, the noise and the slope, and has to find the exact place of each
+jump and the system that made it. No search that is given laws, noise and slope can place and assign more.
 """
 
 from __future__ import annotations
@@ -92,7 +92,7 @@ def features_with_true_jumps(window: LabelledWindow) -> Features:
         pruned=False,
     )
     components = split(assignment, estimated, evidence, wheel, CarriedState.empty())
-    if components.by_path:  # the likeliest under broad friction laws comes first
+    if components.by_path:  # sorted: the path most likely under broad friction laws comes first
         path = components.by_path[0].path
         assignment = replace(assignment, configurations=path.split(path.configurations))
         components = split(assignment, estimated, evidence, wheel, CarriedState.empty())
@@ -100,7 +100,7 @@ def features_with_true_jumps(window: LabelledWindow) -> Features:
 
 
 def jumps_of_ideal_search(window: LabelledWindow) -> list[AttributedChangepoint]:
-    """Return the changepoints of oracle C: the true jumps, each where the samples show it best, assigned by the laws.
+    """Return the changepoints of oracle C: the true jumps, each at its most likely place, assigned by the laws.
 
     The likelihood of a place is that of AR(1) noise whose coefficient is known.
     """
@@ -131,5 +131,5 @@ def jumps_of_ideal_search(window: LabelledWindow) -> list[AttributedChangepoint]
     statistic = np.nan_to_num(jump**2 / (each[:-1] + each[1:]))
     candidates = Candidates(index, np.full(index.size, ORACLE_SCALE), statistic, jump)
     assignment, _ = assign(evidence._replace(candidates=candidates, noise=noise), wheel)
-    # A place beside which there is no sample shows no jump.
+    # A place without any sample on one side gives no estimate of the jump: NaN becomes 0.
     return changepoints_of(replace(assignment, jump=np.nan_to_num(assignment.jump)), wheel)

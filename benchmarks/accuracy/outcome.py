@@ -1,4 +1,4 @@
-"""One labelled window through the monitor by both methods, and what came of it beside the truth."""
+"""Runs one labelled window through both methods and the oracles, and compares the changepoints with the truth."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ class JumpScore:
     rejected
         Candidates that the assignment rejected.
     hidden
-        Visible jumps that no sample places: they happen in a stretch without used samples, more than 5 before its end.
+        Visible jumps that no sample can locate: they lie in a gap without used samples, more than 5 before its end.
     """
 
     visible: int = 0
@@ -52,18 +52,18 @@ class JumpScore:
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """What came of one labelled window.
+    """Results on one labelled window.
 
     Attributes
     ----------
     status
         nominal, or the active anomalies joined by "+".
     labels
-        By anomaly: whether it is there.
+        By anomaly: whether it is present.
     features
         By method (joint, paper) and oracle ("oracle A" is given the components, "oracle B" the jumps).
     jumps
-        By method, and of "oracle C".
+        By method, and for "oracle C".
     """
 
     status: str
@@ -84,7 +84,7 @@ def evaluate(window: LabelledWindow, methods: tuple[Method, ...] = ("joint", "pa
     window
         The window.
     methods
-        Which methods; the paper's takes seconds for windows with many candidates.
+        The methods to run; the paper's takes seconds for windows with many candidates.
 
     Raises
     ------
@@ -121,7 +121,7 @@ def only_window(samples: Samples, wheel: Wheel, method: Method, source: str) -> 
 def score_jumps(
     found: Sequence[AttributedChangepoint], truth: Changepoints, wheel: Wheel, used: BoolArray | None = None
 ) -> JumpScore:
-    """Compare reported changepoints with the true jumps; each counts once, the nearest first.
+    """Match each visible true jump, in order, to the nearest reported changepoint not yet matched, and count.
 
     Parameters
     ----------
@@ -130,7 +130,7 @@ def score_jumps(
     wheel
         Its wheel.
     used
-        bool (slots,), the slots that hold a usable sample; None counts no jump as hidden.
+        bool (slots,), the slots with a usable sample; with None no jump counts as hidden.
     """
     names = [system.name for system in wheel.fss]
     accepted = [changepoint for changepoint in found if changepoint.fss != "rejected"]
@@ -158,7 +158,7 @@ def score_jumps(
 def _hidden(index: IntArray, used: BoolArray) -> BoolArray:
     """Return which jumps lie more than `PLACED_WITHIN` slots before the next used sample.
 
-    All slots from the last used sample to the next one fit the samples equally well; the next one is what is reported.
+    All slots from the last used sample to the next one fit the samples equally well; the next one is reported.
     """
     slots = np.flatnonzero(used)
     return np.asarray(np.append(slots, used.size)[np.searchsorted(slots, index)] - index > PLACED_WITHIN)

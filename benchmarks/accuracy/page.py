@@ -1,4 +1,4 @@
-"""The benchmark as a page of Markdown: figures beside the paper's, with intervals, seeds and numbers of windows."""
+"""The accuracy page as Markdown: figures and the paper's, with intervals, seeds and numbers of windows."""
 
 from __future__ import annotations
 
@@ -72,7 +72,7 @@ def to_markdown(benchmark: Benchmark, command: str) -> str:
     benchmark
         The results.
     command
-        The command that makes this page again.
+        The command that reproduces this page.
     """
     first = benchmark.recipes[0]
     judged = round((1.0 - TRAINING_SHARE) * first.windows)
@@ -121,7 +121,7 @@ def _recipe_section(result: RecipeResult) -> str:
 
 
 def _matrices(result: RecipeResult) -> tuple[str, ...]:
-    """Return whose matrices are printed: none where anomalies combine, which makes too many rows."""
+    """Return the names whose matrices are printed: none where anomalies combine, which makes too many rows."""
     names = ("paper", "joint", "oracle B") if len(result.accuracy["joint"].statuses) < MANY_STATUSES else ()
     return tuple(name for name in names if name in result.accuracy)
 
@@ -332,7 +332,7 @@ def _time_section(benchmark: Benchmark) -> str:
 
 
 def time_table(measured: Sequence[StageTimes]) -> str:
-    """Return the time that each stage takes, by method, beside the paper's."""
+    """Return the table of the time that each stage takes, by method, with the paper's."""
     rows = [
         [
             stage,

@@ -1,7 +1,7 @@
-"""The paper's protocol: train on 20 % of the windows, judge the other 80 %, for 30 random splits.
+"""The paper's protocol: train on 20 % of the windows, validate on the other 80 %, for 30 random splits.
 
-From each split comes the matrix of the paper's results: of the windows with a status (row), the share in which each
-anomaly is diagnosed (column). Calibration is judged on all validation windows of all splits.
+Each split gives the matrix of the paper's results: of the windows with a status (row), the share in which each
+anomaly is diagnosed (column). Calibration is measured on all validation windows of all splits.
 """
 
 from __future__ import annotations
@@ -33,12 +33,12 @@ CALIBRATION_BINS: Final = 10
 
 @dataclass(frozen=True, slots=True)
 class Calibration:
-    """How good the probabilities of one anomaly are.
+    """Calibration of the probabilities of one anomaly.
 
     Attributes
     ----------
     log_score, brier
-        Mean of -log p(truth) and of (p - truth)², with those of always naming the base rate.
+        Mean of -log p(truth) and of (p - truth)²; `_base`: the same of a forecast that always gives the base rate.
     expected_error
         Expected calibration error over ten bins.
     """
@@ -65,12 +65,12 @@ class Accuracy:
     inconclusive
         float64 (splits,), share of validation windows with that verdict.
     risk
-        float64 (coverages,): share of windows with a wrong anomaly among the surest COVERAGES of all; a window is as
-        sure as its least sure anomaly.
+        float64 (coverages,): share of windows with a wrong anomaly among the shares COVERAGES of all windows with the
+        least uncertainty; the uncertainty of a window is that of its most uncertain anomaly.
     calibration
         By anomaly.
     diagnosed, truth
-        bool (windows, anomalies): what is diagnosed and what is there in the validation windows of all splits.
+        bool (windows, anomalies): anomalies diagnosed and present in the validation windows of all splits.
     """
 
     statuses: tuple[str, ...]
@@ -105,7 +105,7 @@ def judge_windows(
     outcomes
         Windows to judge.
     features
-        Whose features: joint, paper, oracle A or oracle B.
+        The features to use: joint, paper, oracle A or oracle B.
     method
         Which classifier.
     model, wheel
@@ -117,7 +117,7 @@ def judge_windows(
         seen = outcome.features[features]
         if method == "paper":
             judgement = classify_as_paper(seen, models, names)
-            # The paper's answer is the sign of the decision, whatever the calibration gives.
+            # The paper decides by the sign of the decision function, whatever the calibrated probability is.
             rows.append([_on_side(entry.probability, active=entry.active) for entry in judgement.anomalies])
             open_ones.append(False)
         else:
@@ -128,14 +128,16 @@ def judge_windows(
 
 
 def _conclusive(anomalies: Sequence[Judged], low: float, high: float) -> bool:
-    """Return whether a verdict can be given: an anomaly is certain, or all are decided, shown and like the learned.
+    """Return whether a verdict can be given.
+
+    Either an anomaly is certain, or every anomaly is decided, observable, and similar to the training windows.
 
     Parameters
     ----------
     anomalies
         The judgement on each.
     low, high
-        Between these probabilities an anomaly is undecided.
+        An anomaly is undecided between these probabilities.
     """
     if any(entry.active and entry.probability >= high for entry in anomalies):
         return True
@@ -180,7 +182,7 @@ def measure(
         model = with_classifiers(train(windows_learned, wheel, "split", "benchmark"), windows_learned)
         probability, is_open = judge_windows([outcomes[i] for i in validation], features, method, model, wheel)
         rows = row_of[validation]
-        # What is undecided counts as not diagnosed; the paper's method always decides.
+        # An undecided anomaly counts as not diagnosed; the paper's method always decides.
         least = model.undecided[1] if method == "joint" else np.nextafter(0.5, 1.0)
         diagnosed.append(probability >= least)
         matrices.append(_shares(diagnosed[-1], rows, len(statuses)))
@@ -212,14 +214,14 @@ def _shares(diagnosed: BoolArray, rows: FloatArray, statuses: int) -> FloatArray
 
 
 def _risk(probability: FloatArray, truth: BoolArray) -> FloatArray:
-    """Return the share of windows with an error among the surest, float64 (coverages,)."""
+    """Return the share of windows with an error among those of least uncertainty, float64 (coverages,)."""
     uncertainty = np.minimum(probability, 1.0 - probability).max(axis=1)
     wrong = ((probability > 0.5) != truth).any(axis=1)[np.argsort(uncertainty, kind="stable")]
     return np.array([float(wrong[: max(round(coverage * wrong.size), 1)].mean()) for coverage in COVERAGES])
 
 
 def calibrate(probability: FloatArray, truth: BoolArray) -> Calibration:
-    """Judge the probabilities of one anomaly, float64 (n,), against what is true, bool (n,)."""
+    """Return the calibration of the probabilities of one anomaly, float64 (n,), given the truth, bool (n,)."""
     p = np.clip(probability, 1e-6, 1.0 - 1e-6)
     base = float(np.clip(truth.mean(), 1e-6, 1.0 - 1e-6))
     log_score = -float(np.where(truth, np.log(p), np.log1p(-p)).mean())

@@ -1,1 +1,1 @@
-"""How often the check at a window's close detects an effect that the model lacks, and how often it is wrong."""
+"""How often the model check at a window's close detects an effect that the model lacks, and its false-alarm rate."""

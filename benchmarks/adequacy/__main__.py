@@ -1,9 +1,9 @@
-"""The check at a window's close: how much of what the friction model lacks it detects, and how often it is wrong.
+"""The model check at a window's close: how often it detects an effect that the model lacks, and its false alarms.
 
     python -m benchmarks.adequacy [--seed N] [--seeds N] [--nominal N] [--processes N] [-o FILE]
 
 Hides each mean effect of the catalogue at 0.5 σ in windows of each motion, runs nominal windows of four recipes, and
-measures what an incomplete model does to the diagnosis of healthy and of failing wheels. Thresholds
+measures how an incomplete model changes the diagnosis of healthy and of failing wheels. The thresholds of the check
 were set on seeds 100 to 1307. Prints the page; exit code 1 where a target is missed.
 """
 
@@ -86,7 +86,7 @@ angle) is gathered as the samples come in, in about 80 kB."""
 
 
 def detection_table(trials: Sequence[Trial]) -> tuple[str, Target]:
-    """Return the table by effect and motion, with its sum, and the target."""
+    """Return the table of detections by effect and motion, with its total, and the target."""
     rows = []
     for name in MEAN_EFFECTS:
         cells = []
@@ -106,7 +106,7 @@ def detection_table(trials: Sequence[Trial]) -> tuple[str, Target]:
 
 
 def false_alarm_table(nominal: Sequence[Diagnosed], failing: Sequence[Diagnosed]) -> tuple[str, Target]:
-    """Return the table by recipe, with its sum, and the target."""
+    """Return the table of false alarms by recipe, with its total, and the target."""
     rows = []
     for recipe in RECIPE_NAMES:
         cells = []
@@ -121,7 +121,7 @@ def false_alarm_table(nominal: Sequence[Diagnosed], failing: Sequence[Diagnosed]
 
 
 def short_table(pool: multiprocessing.pool.Pool, seed: int, seeds: int) -> str:
-    """Run shorter windows and return the table by length: what is seen of effects, and false alarms."""
+    """Run shorter windows and return the table by length: detected effects and false alarms."""
     rows = []
     for slots in SHORT:
         cells = []
@@ -136,7 +136,7 @@ def short_table(pool: multiprocessing.pool.Pool, seed: int, seeds: int) -> str:
 
 
 def diagnosis_table(jobs: Sequence[Job], trials: Sequence[Trial]) -> str:
-    """Return the table of diagnoses by what the wheel fails by."""
+    """Return the table of diagnoses by the wheel's anomaly."""
     header = ["wheel", "effect", "detected", "near-certain", "near-certain of what is not there"]
     rows = []
     for anomaly in ("", *MILD_SEVERITIES):

@@ -1,6 +1,6 @@
-"""How strong an effect is in a record: the RMS of what base law and levels cannot take up.
+"""The strength of an effect in a record: the RMS of the part that base law and levels cannot fit.
 
-Effects shrink once dry levels and slope are fitted: of `sublinear_viscous` about 5 % remains. A strength in newton
+Fitted dry levels and slope absorb most of an effect: of `sublinear_viscous` about 5 % remains. A strength in newton
 metres therefore means little; here and in all tests it is the RMS of the part orthogonal to sign, speed and levels.
 """
 
@@ -15,7 +15,7 @@ from rwa_monitor.errors import InputError
 from rwa_monitor.samples import BoolArray, FloatArray, IntArray
 from rwa_monitor.wheel.effects.base import Channels, MeanEffect
 
-TAKEN_UP: Final = 1e-6  # share of a column's RMS below which what is left is rounding
+TAKEN_UP: Final = 1e-6  # share of a column's RMS below which the remainder is rounding
 
 
 def level_columns(direction: FloatArray, jump_index: IntArray) -> FloatArray:
@@ -27,7 +27,7 @@ def level_columns(direction: FloatArray, jump_index: IntArray) -> FloatArray:
 
 
 def orthogonal_part(torque_Nm: FloatArray, channels: Channels, levels: FloatArray) -> FloatArray:
-    """Return what is left of a torque after a least-squares fit of speed and levels [N m].
+    """Return the residual of a torque after a least-squares fit of speed and levels [N m].
 
     Parameters
     ----------
@@ -36,7 +36,7 @@ def orthogonal_part(torque_Nm: FloatArray, channels: Channels, levels: FloatArra
     channels
         The motion; slots that are not good or not known are left out of the fit.
     levels
-        float64 (n, m), see `level_columns`; they add up to the sign, so that it is taken up, too.
+        float64 (n, m), see `level_columns`; they add up to the sign, so that it is fitted, too.
 
     Returns
     -------
@@ -94,7 +94,7 @@ def strength_for(
     Raises
     ------
     InputError
-        If base law and levels take the effect up on this motion, or the wanted RMS needs a strength out of bounds.
+        If base law and levels fit the effect on this motion, or the wanted RMS needs a strength out of bounds.
     """
     columns, _ = effect.columns(channels, shape)
     parameters = effect.strength_parameters()

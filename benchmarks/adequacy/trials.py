@@ -1,8 +1,8 @@
-"""How well the check at a window's close detects what the friction model lacks, and what that does to the diagnosis.
+"""Trials of the model check at a window's close with an effect that the model lacks, and of the diagnosis then.
 
 A trial hides one effect in a few windows of a wheel of recipe `paper`, at a strength that is the RMS of its part
 orthogonal to sign, speed and true levels (`strength.py`), in standard deviations of the noise, over all
-slots of the first window, the dead band included. The windows follow each other with the state carried on.
+slots of the first window, the dead band included. The windows are consecutive; the state is carried over.
 """
 
 from __future__ import annotations
@@ -50,7 +50,7 @@ class Trial:
     sigmas
         Strength of the effect.
     windows
-        Diagnoses of the windows in order; empty where the motion cannot show the effect at this strength.
+        Diagnoses of the windows in order; empty where the effect cannot have this strength on the motion.
     """
 
     effect: str
@@ -59,7 +59,7 @@ class Trial:
     windows: tuple[Diagnosis, ...]
 
     def seen_within(self, count: int) -> bool:
-        """Return whether any of the first windows is called inadequate."""
+        """Return whether the model is called inadequate in any of the first `count` windows."""
         return any(not diagnosis.model_adequate for diagnosis in self.windows[:count])
 
 
@@ -78,15 +78,15 @@ def hide_and_diagnose(
     Parameters
     ----------
     name, motion
-        Effect of the catalogue, and what the wheel does.
+        Effect of the catalogue, and motion of the wheel.
     seed
-        Of all randomness; the same with and without anomalies, at any strength.
+        Of all random draws, which are the same with and without anomalies and at any strength.
     sigmas
         Strength.
     windows
-        Number of windows, each a motion of its own.
+        Number of windows, each with its own motion.
     anomalies
-        What the wheel fails by.
+        Anomalies of the wheel.
     slots
         Length of a window.
     """
@@ -107,7 +107,7 @@ def hide_and_diagnose(
 
 
 def diagnose_plain(motion: ProfileKind, seed: int, slots: int) -> Diagnosis:
-    """Diagnose one window of `slots` slots of a healthy wheel of recipe `paper` that lacks nothing."""
+    """Diagnose one window of `slots` slots of a healthy wheel of recipe `paper` whose model is complete."""
     rng = np.random.default_rng([seed, MOTIONS.index(motion), slots])
     wheel = RECIPES["paper"].wheel(rng)
     scenario = Scenario(speed=SpeedProfile(kind=motion), duration_s=slots * wheel.sample_period_s)
@@ -124,7 +124,7 @@ def _diagnose(scenario: Scenario, wheel: Wheel, seed: int, carried: CarriedState
 def _draw(
     name: str, without: Scenario, wheel: Wheel, seed: int, sigmas: float, rng: np.random.Generator
 ) -> EffectBlock:
-    """Draw shape and strength of an effect; InputError where the motion cannot show it."""
+    """Draw shape and strength of an effect; InputError where it is not observable on the motion."""
     plain = simulate(without, wheel, np.random.default_rng(seed))
     channels = true_channels(plain.truth, wheel, ~plain.truth.faulty)
     effect = CATALOGUE[name]
@@ -136,7 +136,7 @@ def _draw(
 
 
 def true_channels(truth: Truth, wheel: Wheel, good: BoolArray) -> Channels:
-    """Return the true motion of a record as effects see it, without noise: to scale effects that shall be hidden in it.
+    """Return the true motion of a record, without noise, as input of effects: to scale those to be hidden in it.
 
     Parameters
     ----------
@@ -165,7 +165,7 @@ def true_channels(truth: Truth, wheel: Wheel, good: BoolArray) -> Channels:
 
 
 def _draw_shape(effect: type[MeanEffect], channels: Channels, rng: np.random.Generator) -> dict[str, float]:
-    """Draw shape parameters about their typical values, within what the motion resolves."""
+    """Draw shape parameters about their typical values, within the range that the motion resolves."""
     bounds = effect.shape_bounds(channels)
     shape = {}
     for parameter in effect.shape_parameters():
@@ -178,7 +178,7 @@ def _draw_shape(effect: type[MeanEffect], channels: Channels, rng: np.random.Gen
 
 
 def diagnose_recipe(recipe: str, number: int, seed: int, *, nominal: bool) -> tuple[Diagnosis, frozenset[str]]:
-    """Diagnose one window of a recipe that lacks nothing; also returns the anomalies it has.
+    """Diagnose one window of a recipe with a complete model; also return the window's anomalies.
 
     Parameters
     ----------
@@ -226,6 +226,6 @@ def seen_in_short(job: tuple[str, ProfileKind, int, float, int]) -> Trial:
 
 
 def plain_and_short(job: tuple[ProfileKind, int, int]) -> bool:
-    """Return whether the model is called adequate in a short window that lacks nothing."""
+    """Return whether the model is called adequate in a short window where it is complete."""
     motion, seed, slots = job
     return diagnose_plain(motion, seed, slots).model_adequate
