@@ -1,1 +1,1 @@
-"""The blind suite: effects hidden in records by formulas written a second time, and required to be found."""
+"""The blind suite: effects are hidden in records by an independent set of formulas; the search must find them."""

@@ -1,7 +1,7 @@
 """Torques of the hidden effects at unit strength, from the literature's formulas, never from the package's classes.
 
-Each takes the true motion and a shape drawn for it. What `benchmarks/blind/literature.py` already has is used from
-there.
+Each takes the true motion and a shape drawn for it. Formulas that `benchmarks/blind/literature.py` already has are used
+from there.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ Shape = dict[str, float]
 
 @dataclass(frozen=True)
 class Truth:
-    """The true motion of a record: arrays (n,) in SI units, and the units that its wheel gives."""
+    """The true motion of a record: arrays (n,) in SI units, and the wheel's units of speed and torque."""
 
     time: Array
     speed: Array
@@ -47,7 +47,7 @@ class Truth:
 
 
 def dahl_torque(truth: Truth, shape: Shape) -> Array:
-    """Dahl's equation, integrated where a bristle is not yet fully deflected: around each reversal."""
+    """Dahl's equation, integrated around each reversal only, where the bristle is not yet fully deflected."""
     scale = shape["breakaway_angle_rad"]
     torque = np.zeros(truth.speed.size)
     for crossing in np.flatnonzero(np.diff(truth.sign) != 0):
@@ -62,7 +62,7 @@ def dahl_torque(truth: Truth, shape: Shape) -> Array:
 
 
 def delayed_current(truth: Truth, shape: Shape) -> Array:
-    """Motor torque of a slot later less that of now, in units of a slot: what is drawn is the delay."""
+    """Motor torque one slot later less the present one, per slot: the drawn strength is the delay."""
     del shape
     return literature.shifted_current(truth.motor_torque, truth.period, truth.period) / truth.period
 
@@ -75,7 +75,7 @@ def ripple(truth: Truth, shape: Shape) -> Array:
 
 
 def lagging(truth: Truth, shape: Shape) -> Array:
-    """First-order lag by an exact recursion for the mean of two neighbours (bilinear), begun in balance."""
+    """First-order lag by an exact recursion for the mean of two neighbours (bilinear), begun in equilibrium."""
     ratio = truth.period / shape["time_constant_s"]
     b, a = [ratio / (2 + ratio)] * 2, [1.0, (ratio - 2) / (2 + ratio)]
     start = signal.lfilter_zi(b, a) * truth.speed[0]
@@ -123,7 +123,7 @@ ONE_SIGN = {
 
 
 def draw_shape(name: str, truth: Truth, rng: np.random.Generator) -> Shape:
-    """Draw an effect's shape: typical values for a wheel, in shares of what the record spans."""
+    """Draw an effect's shape: typical values for a wheel, as shares of the record's ranges."""
     top = float(np.max(np.abs(truth.speed)))
     slow = np.abs(truth.speed) < max(0.1 * top, 1.5 * float(np.min(np.abs(truth.speed))))
     step = float(np.median(np.abs(truth.acceleration[slow]))) * truth.period
@@ -133,7 +133,7 @@ def draw_shape(name: str, truth: Truth, rng: np.random.Generator) -> Shape:
             "exponent": float(rng.choice([1.0, 2.0])),
         }
     if name == "presliding":
-        # Breakaway angles that take some slots at these reversals: t ≈ √(2 z/|dω/dt|).
+        # Breakaway angles that take several slots at these reversals: t ≈ √(2 z/|dω/dt|).
         return {"breakaway_angle_rad": float(rng.uniform(4.0, 60.0)) * step * truth.period}
     if name == "viscosity_temperature":
         return {"B": float(rng.uniform(2500.0, 6500.0))}
@@ -189,7 +189,7 @@ def periodic_drag(truth: Truth, rng: np.random.Generator) -> Array:
 
 
 def step_in_speed(truth: Truth, rng: np.random.Generator) -> Array:
-    """Another regime of lubrication above a speed."""
+    """A step of the drag at a speed, as of another regime of lubrication."""
     at, _ = _centre(truth, rng)
     return truth.sign * (np.abs(truth.speed) > at)
 

@@ -1,7 +1,7 @@
 """Blind records: an effect (or none, two, or one outside the catalogue) is hidden in a record drawn from a seed.
 
-The record is what a wheel would send: a table and a wheel.toml that lacks the effect. The truth is kept in
-another object, to be read after the answer. Strength is the RMS of the part of the effect that is orthogonal to sign,
+The record is what a wheel would send: a table and a wheel.toml that lacks the effect. The truth is kept in a separate
+object, to be read after the answer. Strength is the RMS of the part of the effect that is orthogonal to sign,
 speed and the true levels, in standard deviations of the noise.
 """
 
@@ -22,10 +22,10 @@ from rwa_monitor.wheel.torque_balance import derived_noise_variance
 from rwa_monitor.wheel.wheel import Derivative, FrictionFilter, FrictionRange, Nominal, SwitchingSystem, Wheel
 
 SAMPLES = 20_000
-RELATIVE_NOISE = 0.024  # of the nominal dry torque, as the paper's errors show it
-MOTION_PERIOD_S = 0.125  # of the wheel for which motions are drawn; other scales run through them faster or slower
+RELATIVE_NOISE = 0.024  # of the nominal dry torque, as in the paper's errors
+MOTION_PERIOD_S = 0.125  # of the wheel for which motions are drawn; other scales follow them faster or slower
 DURATION_SCALE = 0.25  # of the built-in wheel's laws, so that 20,000 samples hold some 14 jumps
-DURATION_SCALE_SWITCHING = 0.1  # where the jumps themselves are the question
+DURATION_SCALE_SWITCHING = 0.1  # for hidden switching effects, which need many jumps
 
 Manoeuvre = Literal["one_direction", "crossings", "rich"]
 NoiseKind = Literal["white", "ar", "student_t"]
@@ -50,7 +50,7 @@ SWITCHING_EFFECTS = (
     "viscous_jump",
     "speed_triggered_jumps",
 )
-# What a record that never changes direction cannot show: the base law takes it up, or it lives at a reversal.
+# Effects not identifiable where the direction never changes: the base law fits them, or they act at reversals only.
 NEEDS_REVERSALS = frozenset(
     {
         "stribeck",
@@ -65,7 +65,7 @@ NEEDS_CURRENT = frozenset(
     {"load_dependence", "torque_constant_error", "torque_constant_temperature", "current_delay"},
 )
 NEEDS_TEMPERATURE = frozenset({"viscosity_temperature", "torque_constant_temperature"})
-# Strengths beyond which an effect is no longer what its name means; the drawn strength is then weaker. As in the
+# Largest strengths that are physically plausible for an effect; a drawn strength is limited to them. From the
 # literature of each effect: 90 % of a level, magnets of 0.3 %/K, delays of two seconds.
 LARGEST = {
     "coulomb_asymmetry": 0.3,
@@ -76,8 +76,8 @@ LARGEST = {
     "decaying_jump": 0.9,
     "viscous_jump": 0.5,
 }
-ROUNDS = 40  # of what the motor overcomes and what it adds; a half is halved so often
-# A dead zone reads as rest where friction is derived from that speed, a delay is then one of friction as well.
+ROUNDS = 40  # fixed-point iterations of motor torque and effect; an error of one half is halved that often
+# Where friction is derived from the speed, a dead zone reads as rest, and a delay delays the friction as well.
 NEEDS_FRICTION = frozenset({"speed_dead_zone"})
 
 
@@ -118,7 +118,7 @@ class Hidden:
     long_run_std: float
     jump_index: np.ndarray[Any, np.dtype[np.int64]]
     visible_jumps: int
-    noise_names: tuple[str, ...]  # noise effects that are there whatever else is
+    noise_names: tuple[str, ...]  # noise effects present in addition to the hidden ones
     residual: Array = field(repr=False)  # the noise as it was drawn
 
     def to_json(self) -> dict[str, Any]:
@@ -128,8 +128,8 @@ class Hidden:
 def plan(kind: str, names: tuple[str, ...], number: int, seed: int) -> Case:
     """Return the plan of the `number`-th record of its kind.
 
-    A Latin design: of nine records in a row each has another pair of manoeuvre and noise, each strength meets each
-    manoeuvre and each noise alike; scale and channels follow with other periods.
+    A Latin square: nine consecutive records have all nine pairs of manoeuvre and noise, and each strength occurs once
+    with each manoeuvre and each noise; scale and channels vary with other periods.
     """
     row, column = number % 3, (number // 3) % 3
     square = (row + column + number // 9) % 3
@@ -149,7 +149,7 @@ def plan(kind: str, names: tuple[str, ...], number: int, seed: int) -> Case:
 
 
 def _possible(case: Case) -> Case:
-    """Change what cannot be: a record that holds no trace of its effect shows nothing about the search."""
+    """Return the case, changed so that its effect is observable: a record without a trace of it tests nothing."""
     names = set(case.effects)
     if names & NEEDS_REVERSALS and case.manoeuvre == "one_direction":
         case = replace(case, manoeuvre="crossings" if case.seed % 2 else "rich")
@@ -220,7 +220,7 @@ def draw_wheel(case: Case, rng: np.random.Generator) -> Wheel:
 
 
 def generate(case: Case) -> tuple[Samples, Wheel, Hidden]:
-    """Draw the record of a case: what the search may see, and the truth."""
+    """Draw the record of a case: samples and wheel, the input of the search, and the truth."""
     rng = np.random.default_rng(case.seed)
     wheel = draw_wheel(case, rng)
     assert wheel.nominal is not None, "drawn with it"
@@ -247,7 +247,7 @@ def generate(case: Case) -> tuple[Samples, Wheel, Hidden]:
         total_std = float(np.hypot(std, np.sqrt(derived)))
     torque, shapes = _effects(case, truth, total_std, rng)
     friction = base + np.sum([*torque.values(), np.zeros(base.size)], axis=0)
-    # The current carries the noise of the friction, as where friction is K_T I - J dω/dt of that very current.
+    # The current has the noise of the friction, as if the friction were K_T I - J dω/dt of that same current.
     motor = friction + noise + wheel.inertia_kg_m2 * motion.acceleration
     samples = Samples(
         time_ns=np.arange(SAMPLES, dtype=np.int64) * wheel.period_ns,
@@ -274,14 +274,14 @@ def generate(case: Case) -> tuple[Samples, Wheel, Hidden]:
 
 
 def _motion(case: Case, wheel: Wheel, rng: np.random.Generator) -> formulas.Truth:
-    """Draw a motion on the built-in wheel's time and run through it at the case's own pace."""
+    """Draw a motion at the built-in wheel's sample period and rescale its time to the case's."""
     template = wheel.model_copy(update={"sample_period_s": MOTION_PERIOD_S})
     motion = simulate_motion(SpeedProfile(kind=case.manoeuvre), template, SAMPLES, rng)
     period = wheel.sample_period_s
     speed = motion.speed_rad_s
     time = np.arange(float(SAMPLES)) * period
     angle = np.concatenate([[0.0], np.cumsum(0.5 * period * (speed[1:] + speed[:-1]))])
-    # A temperature that swings about 20 °C, 2 to 8 K peak to peak, as over an orbit that the record has one or two of.
+    # A temperature that swings about 20 °C, 2 to 8 K peak to peak, as over one or two orbits within the record.
     turns = rng.uniform(0.8, 1.8)
     swing = rng.uniform(1.0, 4.0) * np.sin(2 * np.pi * turns * np.arange(SAMPLES) / SAMPLES + rng.uniform(0, 6.28))
     return formulas.Truth(
@@ -306,7 +306,7 @@ def _level(case: Case, motion: formulas.Truth, wheel: Wheel, rng: np.random.Gene
     clock = np.arange(SAMPLES)
     systems = wheel.fss
     if "speed_triggered_jumps" in case.effects:
-        # Log-linear rate, three to five e-folds over the range of the speed, its mean over the record one.
+        # Log-linear rate, three to five e-folds over the range of the speed, with a mean of one over the record.
         rate = np.exp(rng.choice([-1, 1]) * rng.uniform(3, 5) * np.abs(motion.speed) / motion.speed_unit)
         clock = np.floor(np.cumsum(rate / rate.mean())).astype(np.int64)
     if "wrong_duration_law" in case.effects:
@@ -329,7 +329,7 @@ def _level(case: Case, motion: formulas.Truth, wheel: Wheel, rng: np.random.Gene
 
 
 def _telegraph(rng: np.random.Generator, rest: float, active: float) -> Array:
-    """Return 0 and about 1 by turns, for exponential durations."""
+    """Return a random telegraph signal: alternately 0 and about 1, with exponential durations [slots]."""
     out, at, on = np.zeros(SAMPLES), 0, bool(rng.random() < active / (active + rest))
     while at < SAMPLES:
         length = 1 + int(rng.exponential(active if on else rest))
@@ -339,7 +339,7 @@ def _telegraph(rng: np.random.Generator, rest: float, active: float) -> Array:
 
 
 def _noise(case: Case, truth: formulas.Truth, std: float, rng: np.random.Generator) -> tuple[Array, tuple[str, ...]]:
-    """Draw the friction's noise, a hidden noise effect in it; and the names of what it shows."""
+    """Draw the noise with any hidden noise effect; return it and the noise effects of the case's own noise."""
     names: list[str] = []
     if case.noise == "student_t":
         noise = std * rng.standard_t(4, SAMPLES) / np.sqrt(2.0)
@@ -370,9 +370,9 @@ def _noise(case: Case, truth: formulas.Truth, std: float, rng: np.random.Generat
 def _tachometer(
     case: Case, truth: formulas.Truth, wheel: Wheel, std: float, rng: np.random.Generator
 ) -> tuple[Array, float]:
-    """Return the speed as it is read, and the standard deviation of its error."""
+    """Return the measured speed, and the standard deviation of its error."""
     if "tachometer_quantisation" in case.effects:
-        # A step whose rounding, differentiated, is one to three times the noise.
+        # A step whose differentiated rounding error has one to three times the noise's standard deviation.
         unit = float(np.sqrt(derived_noise_variance(wheel, 1.0)))
         step = float(rng.uniform(1.0, 3.0)) * std / unit * np.sqrt(12.0)
         return step * np.rint(truth.speed / step), step / np.sqrt(12.0)
@@ -417,9 +417,9 @@ def _effects(
 def _with_own_motor_torque(
     torques: dict[str, Array], shapes: dict[str, Shape], truth: formulas.Truth
 ) -> dict[str, Array]:
-    """Return the torques where those that scale with the motor's torque scale with all that the motor overcomes.
+    """Return the torques, those that scale with the motor torque recomputed for the whole motor torque.
 
-    That holds the other effects, and what the effect itself adds; a delay is one of the current without it.
+    It includes the other effects and, except for a delay of the current, the effect itself: a fixed-point iteration.
     """
     torques = dict(torques)
     for name in [name for name in torques if name in NEEDS_CURRENT for _ in range(ROUNDS)]:
@@ -431,12 +431,12 @@ def _with_own_motor_torque(
 
 
 def orthogonal_rms(torque: Array, truth: formulas.Truth) -> float:
-    """Return the RMS of what sign, speed and the true levels leave of a torque."""
+    """Return the RMS of the residual of a torque after a fit of sign, speed and the true levels."""
     return float(np.sqrt(np.mean(orthogonal(truth.sign * torque, np.abs(truth.speed), truth.jump_index) ** 2)))
 
 
 def orthogonal(along: Array, speed: Array, jump_index: Any) -> Array:
-    """Return what levels between the jumps and the slope leave of a torque along the motion."""
+    """Return the residual of a torque along the motion after a fit of the slope and of levels between the jumps."""
     segment = np.searchsorted(jump_index, np.arange(along.size), side="right")
     count = np.bincount(segment)
 
@@ -448,7 +448,7 @@ def orthogonal(along: Array, speed: Array, jump_index: Any) -> Array:
 
 
 def visible_jumps(level: Array, jump_index: Any, long_run_std: float) -> int:
-    """Count the jumps that an oracle sees at six standard deviations beside its neighbours."""
+    """Count the jumps that an oracle detects at six standard deviations, given the neighbouring jumps."""
     edges = np.concatenate([[0], jump_index, [level.size]])
     n = np.diff(edges).astype(float)
     size = level[jump_index] - level[jump_index - 1] if len(jump_index) else np.zeros(0)

@@ -1,4 +1,4 @@
-"""The effects once more, written from the formulas of the literature: a wrong formula must not confirm itself.
+"""A second implementation of the effects from the literature: a wrong formula must not confirm itself.
 
 Nothing here imports the package. Each function is a plain loop over samples that returns the torque *beyond* the base
 law s·F_C + f_v·ω (positive when it opposes positive rotation), from quantities as the literature names them.
@@ -54,7 +54,7 @@ def disc_windage(speed: Values, moment_coefficient: float, density: float, radiu
 
 
 def speed_threshold(speed: Values, coulomb: float, threshold: float) -> np.ndarray:
-    """Coulomb friction of electronics that read zero below a threshold, less the true F_C sgn v."""
+    """Coulomb friction by electronics that read zero speed below a threshold, less the true F_C sgn v."""
     out = []
     for v in speed:
         read = 0.0 if abs(v) < threshold else v
@@ -137,7 +137,7 @@ def running_in(speed: Values, period: float, rate: float, time_constant: float) 
 
 
 # ---- errors of the torque balance ------------------------------------------------------------------------------------
-# Friction is K_T I - J dω/dt. Each function forms it twice, as it is and as one computes it with a wrong constant.
+# Friction is K_T I - J dω/dt. Each function computes it twice: with the true constant and with a wrong one.
 
 
 def _balance(motor_torque: float, inertia: float, acceleration: float) -> float:
@@ -145,13 +145,13 @@ def _balance(motor_torque: float, inertia: float, acceleration: float) -> float:
 
 
 def wrong_inertia(motor_torque: Values, acceleration: Values, true: float, assumed: float) -> np.ndarray:
-    """Return what a balance with a wrong inertia shows beyond the right one."""
+    """Return the difference of a torque balance with a wrong inertia from the right one."""
     pairs = zip(motor_torque, acceleration, strict=True)
     return np.array([_balance(m, assumed, a) - _balance(m, true, a) for m, a in pairs])
 
 
 def wrong_torque_constant(current: Values, true: float, assumed: float) -> np.ndarray:
-    """Return what a balance with a wrong torque constant shows beyond the right one."""
+    """Return the difference of a torque balance with a wrong torque constant from the right one."""
     return np.array([_balance(assumed * i, 1.0, 0.0) - _balance(true * i, 1.0, 0.0) for i in current])
 
 
@@ -184,7 +184,7 @@ def loaded_bearing(speed: Values, motor_torque: Values, coefficient: float) -> n
 
 
 def offset_current(current: Values, torque_constant: float, offset: float) -> np.ndarray:
-    """Return the torque that an offset of the measured current seems to be."""
+    """Return the apparent torque of an offset of the measured current."""
     return np.array([torque_constant * (i + offset) - torque_constant * i for i in current])
 
 
@@ -198,7 +198,7 @@ def ripple(angle: Values, amplitudes: Values, phases: Values, harmonics: Sequenc
 
 
 def autoregressive(innovation: Values, phi: float) -> np.ndarray:
-    """Box and Jenkins: z_t = φ z_{t-1} + a_t with Var z = Var of the innovation given, begun stationary."""
+    """Box and Jenkins: z_t = φ z_{t-1} + a_t, scaled so that Var z is that of `innovation`, begun stationary."""
     out = [float(innovation[0])]
     for a in innovation[1:]:
         out.append(phi * out[-1] + math.sqrt(1 - phi**2) * a)
@@ -218,7 +218,7 @@ def quantised_derivative(speed: Values, period: float, step: float, inertia: flo
 def relaxing_jumps(
     speed: Values, period: float, places: Sequence[int], sizes: Values, share: float, time_constant: float
 ) -> np.ndarray:
-    """What a share of the last jump has lost since it happened."""
+    """Change of the drag since the last jump, where a share of the jump decays with a time constant."""
     out, size, since = [], 0.0, 0.0
     jump_at = dict(zip(places, sizes, strict=True))
     for k, v in enumerate(speed):

@@ -1,9 +1,9 @@
-"""The loop of `--plan`, closed: a record confuses causes, the proposed manoeuvre is flown, and searched as well.
+"""Tests `--plan` in closed loop: a record leaves causes ambiguous, the proposed manoeuvre is flown and searched too.
 
     python -m benchmarks.blind.manoeuvres [--draws N] [--seed N]
 
 Causes, motions and torques are those of `formulas`, which share no code with the package. A case counts where the first
-search names the truth in a set of several. Beside the plan, manoeuvres of the library in a random order are flown.
+search names the truth in a set of several. For comparison, manoeuvres of the library are flown in a random order.
 """
 
 from __future__ import annotations
@@ -29,14 +29,14 @@ from rwa_monitor.wheel.wheel import Wheel, built_in_wheel
 
 Array = np.ndarray[Any, np.dtype[np.float64]]
 
-MOST_FLOWN: Final = 5  # manoeuvres until a case is given up
+MOST_FLOWN: Final = 5  # manoeuvres after which a case is abandoned
 TOP_RAD_S: Final = 180.0
 DRY_NM: Final = 1.6e-3
 VISCOUS_NM_S: Final = 5.333e-6
 NOISE_NM: Final = 3.9e-5
-RAMP_S: Final = 20.0  # over which the wheel changes its speed
-JUMP: Final = 0.5  # of the dry friction, where a manoeuvre waits for a jump
-# From current and speed alone no manoeuvre parts them: K_T scales all friction, and J with it.
+RAMP_S: Final = 20.0  # duration of a change of speed
+JUMP: Final = 0.5  # size, of the dry friction, in manoeuvres that wait for a jump
+# From current and speed alone no manoeuvre distinguishes them: K_T scales all friction, and J with it.
 INSEPARABLE: Final = frozenset({"inertia_error", "torque_constant_error"})
 
 
@@ -70,7 +70,7 @@ CONFUSING: Final[dict[Callable[[Array], Array], tuple[str, ...]]] = {
 
 @dataclass(frozen=True)
 class Case:
-    """A hidden cause, the motion that confuses it, and the seed of all that is drawn."""
+    """A hidden cause, the motion on which it is ambiguous, and the seed of all draws."""
 
     motion: Callable[[Array], Array]
     cause: str
@@ -78,7 +78,7 @@ class Case:
 
 
 class Hidden:
-    """A wheel with a hidden cause, of one size and shape wherever it is flown."""
+    """A wheel with a hidden cause of the same size and shape on every manoeuvre."""
 
     def __init__(self, case: Case) -> None:
         self.rng = np.random.default_rng(case.seed)
@@ -141,20 +141,20 @@ class Hidden:
 
 
 def sets_of(found: Search) -> list[set[str]]:
-    """Return the set of names of each mean effect that was found, those that nothing separates as one."""
+    """Return the set of names of each mean effect found; names that no record distinguishes count as one."""
     sets = [{one.name, *one.equivalent} for one in found.result.effects if one.family == "mean"]
     return [one - {"torque_constant_error"} if one >= INSEPARABLE else one for one in sets]
 
 
 def is_decided(found: Search, cause: str) -> bool:
-    """Return whether the cause is named alone."""
+    """Return whether the search names the cause and nothing else."""
     return sets_of(found) in ([{cause}], [INSEPARABLE & {cause}])
 
 
 def manoeuvres_needed(hidden: Hidden, first: Search, order: Sequence[Manoeuvre] | None) -> int:
     """Return after how many manoeuvres the cause is named alone, MOST_FLOWN + 1 for never.
 
-    In a given order, or in that of a plan made anew after each.
+    They are flown in a given order, or, with None, by a plan that is renewed after each manoeuvre.
     """
     recordings, found, flown = [("seen", hidden.seen)], first, []
     for count in range(1, MOST_FLOWN + 1):
@@ -174,12 +174,12 @@ def manoeuvres_needed(hidden: Hidden, first: Search, order: Sequence[Manoeuvre] 
 
 
 def run(case: Case) -> tuple[int, int] | None:
-    """Return how many manoeuvres a case takes, planned and in a random order; None where nothing is confused."""
+    """Return how many manoeuvres a case takes, planned and in a random order; None without ambiguity."""
     hidden = Hidden(case)
     first = find_discrepancy([("seen", hidden.seen)], hidden.wheel)
     if not any(case.cause in one and len(one) > 1 for one in sets_of(first)):
         return None
-    # The orbit of constant speed takes hours: a random choice would seldom be given them.
+    # The orbit at constant speed takes hours: nobody would choose it at random, so it is left out.
     short = [entry for entry in MANOEUVRES if entry.duration_s == MANOEUVRES[0].duration_s]
     order = [short[i] for i in hidden.rng.permutation(len(short))]
     again = Hidden(case)
@@ -187,14 +187,14 @@ def run(case: Case) -> tuple[int, int] | None:
 
 
 def cases(draws: int, seed: int) -> list[Case]:
-    """Return all motions and causes, each so many times."""
+    """Return all pairs of motion and cause, `draws` times."""
     seeds = itertools.count(seed)
     pairs = [(motion, cause) for motion, causes in CONFUSING.items() for cause in causes]
     return [Case(motion, cause, next(seeds)) for _ in range(draws) for motion, cause in pairs]
 
 
 def main(argv: list[str] | None = None) -> int:
-    """Fly, search again, print the table."""
+    """Run all cases and print the results; exit code 1 where a target is missed."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--draws", type=int, default=2)
     parser.add_argument("--seed", type=int, default=1)

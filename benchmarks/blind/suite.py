@@ -21,12 +21,12 @@ from benchmarks.blind.table import report
 from benchmarks.blind.trial import Outcome, run_trial
 from benchmarks.page import made_at
 
-NOTES = Path(__file__).with_name("notes.md")  # what a reader of the table must know
+NOTES = Path(__file__).with_name("notes.md")  # explanations that precede the table
 PER_EFFECT, NULLS, PER_PAIR, PER_OUTSIDE = 20, 200, 3, 12  # of the full suite
 
 
 def cases(seed: int) -> list[Case]:
-    """Return the plan of the full suite, ordered so that any first part of it is balanced over what is hidden."""
+    """Return the plan of the full suite, ordered so that any first part of it is balanced over the hidden effects."""
     groups: list[list[Case]] = [
         [plan("one", (name,), i + k, seed) for i in range(PER_EFFECT)]
         for k, name in enumerate((*MEAN, *NOISE_EFFECTS, *SWITCHING_EFFECTS))
@@ -53,7 +53,7 @@ def _run(case: Case, folder: str) -> Outcome:
 
 
 def _code() -> str:
-    """Return a digest of all that an outcome depends on: the package and the suite itself."""
+    """Return a digest of the code that an outcome depends on: the package and the suite itself."""
     digest = hashlib.sha256()
     for root in (Path(rwa_monitor.__file__).parent, Path(__file__).parent):
         for path in sorted([*root.rglob("*.py"), *root.rglob("*.json")]):
@@ -66,7 +66,7 @@ def _write(outcomes: list[Outcome], path: Path, code: str) -> None:
     lines = [json.dumps({**outcome.to_json(), "code": code}) for outcome in outcomes]
     partial = path.with_suffix(".partial")
     partial.write_text("\n".join(lines) + "\n")
-    partial.replace(path)  # a run that is killed leaves whole files
+    partial.replace(path)  # atomic: a killed run leaves complete files
 
 
 def _done_before(path: Path, wanted: list[Case], code: str) -> list[Outcome]:
@@ -106,7 +106,7 @@ def main(argv: list[str] | None = None) -> int:
             error = future.exception()
             if error is None:
                 outcomes.append(future.result())
-                _write(outcomes, options.json, code)  # as they come: what is cut short has not been for nothing
+                _write(outcomes, options.json, code)  # after each outcome: an interrupted run can be resumed
             else:
                 failed.append(f"{running[future]}: {error!r}")
             print(f"\r{done}/{len(wanted)} records", end="", file=sys.stderr, flush=True)

@@ -1,4 +1,4 @@
-"""The table of the blind suite: issue 3's targets beside what was measured, with intervals."""
+"""The table of the blind suite: issue 3's targets and the measured figures, with intervals."""
 
 from __future__ import annotations
 
@@ -34,14 +34,14 @@ def rate(outcomes: Iterable[Judged], hit: Callable[[Judged], bool]) -> str:
     return f"{share:.1f} % ({100 * low:.0f}–{100 * high:.0f} %), {sum(judged)} of {len(judged)}"
 
 
-# Effects with one strength that generator and catalogue define alike; B is the generator's name of a parameter.
+# Effects with one strength that generator and catalogue define in the same way; B is the generator's parameter name.
 COMPARED = {name for name, effect in MEAN_EFFECTS.items() if len(effect.strength_parameters()) == 1} | {"decaying_jump"}
 TEMPERATURE_OF_VISCOSITY = "B"
 WIDTH_95 = 1.96  # standard deviations
 
 
 def intervals(outcome: Outcome) -> list[bool]:
-    """Whether the stated 95 % interval of each parameter of a hidden effect that was named holds the true value."""
+    """Return for each estimated parameter of effects in `COMPARED` whether its 95 % interval covers the true value."""
     inside = []
     for key, (value, std) in outcome.estimates.items():
         name, parameter = key.split(".")
@@ -55,7 +55,7 @@ def intervals(outcome: Outcome) -> list[bool]:
 
 
 def real_names(outcome: Outcome) -> list[str]:
-    """The names given in a record that hides nothing but noise: mean and switching effects only."""
+    """Return the false names of a record without those of noise effects: mean and switching effects, and formulas."""
     return [name for name in outcome.false_names if name == FORMULA or CATALOGUE[name].family != "noise"]
 
 
@@ -149,7 +149,7 @@ def report(outcomes: Sequence[Outcome], seed: int, planned: int) -> str:
 
 
 def _shares(who: str, target: str, gains: Sequence[tuple[float, float]]) -> list[tuple[str, str, str]]:
-    """Return the rows on held-out gains beside those of an oracle, by record and summed over records."""
+    """Return the rows on held-out gains as shares of an oracle's, by record and summed over records."""
     if not gains:
         return [(f"held-out gain of an oracle's {who}, ≥ 0.5 σ", target, "no record")]
     shares = np.array([own / oracle for own, oracle in gains])

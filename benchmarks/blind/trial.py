@@ -27,18 +27,18 @@ from rwa_monitor.wheel.effects.catalogue import CATALOGUE, MEAN_EFFECTS
 from rwa_monitor.wheel.effects.jumps import SpeedTriggeredJumps
 from rwa_monitor.wheel.effects.switching_base import Jumps, SwitchingEvidence
 
-ACCEPTANCE = 25.0  # of the criterion, what the search asks for (docs/theory.md, "Discrepancy search", 4)
+ACCEPTANCE = 25.0  # decrease of the criterion that the search requires (docs/theory.md, "Discrepancy search", 4)
 TWICE_ACCEPTANCE = 2 * ACCEPTANCE
 FORMULA = "formula"
 SEARCHED = {**MEAN_EFFECTS, **{term.name: term for term in (DelayTerm, *JUMP_TERMS)}}
 
-# Carrier and variable, in the grammar's words, of the hidden laws that it can express.
+# Carrier and variable, in the grammar's terms, of the hidden laws that it can express.
 GRAMMAR = {"bump": ("dry", "speed"), "even_bump": ("even", "speed"), "step_in_speed": ("dry", "speed")}
 
 
 @dataclass(frozen=True)
 class Outcome:
-    """What a trial gave."""
+    """Results of a trial."""
 
     case: Case
     shapes: dict[str, dict[str, float]]
@@ -50,10 +50,10 @@ class Outcome:
     jumps_base: int
     jumps_extended: int
     jumps_true: int
-    jumps_oracle: int | None  # that the same segmentation finds once the true torque is fitted
+    jumps_oracle: int | None  # found by the same segmentation once the true torque is fitted
     gain: float  # held out, in nats over the record
-    gain_torque: float | None  # the same of an oracle that is given the torque and its jumps, and fits its size
-    gain_form: float | None  # of one that is given name, shape and jumps, and has the record's own channels
+    gain_torque: float | None  # the same of an oracle that is given the torque and the jumps, and fits the size
+    gain_form: float | None  # of an oracle that is given name, shape and jumps, and uses the record's channels
     seconds: float  # of processor time
     estimates: dict[
         str, tuple[float, float]
@@ -65,12 +65,12 @@ class Outcome:
 
     @property
     def background(self) -> set[str]:
-        """Noise effects that are there beside the hidden effect: naming them is right."""
+        """Noise effects of the case's own noise, in addition to the hidden effect: naming them is right."""
         return {"ar": {"coloured_noise"}, "student_t": {"heavy_tailed_noise"}}.get(self.case.noise, set())
 
     @property
     def named(self) -> list[dict[str, Any]]:
-        """The effects named, strongest first, without noise that is there beside the hidden effect."""
+        """The effects named, strongest first, without `background` unless it is the hidden effect."""
         hidden = set(self.case.effects)
         return [e for e in self.effects if e["name"] in hidden or e["name"] not in self.background]
 
@@ -94,7 +94,7 @@ class Outcome:
 
     @property
     def inside(self) -> bool:
-        """Whether the hidden effect, or one that no such record can separate from it, is in the reported set."""
+        """Whether each hidden effect, or one that no such record distinguishes from it, is in a reported set."""
         return all(self.reported(name) for name in self.case.effects)
 
     def reported(self, name: str) -> bool:
@@ -103,7 +103,7 @@ class Outcome:
 
     @property
     def set_size(self) -> int | None:
-        """Number of names in the set that holds the answer, or in the first where none does."""
+        """Number of names in the set that holds the right answer, or in the first set where none does."""
         for effect in self.named:
             if accepted(self.case.effects[0], self.case) & {effect["name"], *effect["equivalent"]}:
                 return 1 + len(effect["equivalent"])
@@ -111,7 +111,7 @@ class Outcome:
 
     @property
     def without_name(self) -> bool:
-        """Whether something was found that has no name: reported by what it follows, or by a formula."""
+        """Whether something without a name was found: reported by the variable that it follows, or by a formula."""
         return self.unexplained is not None or any(effect["name"] == FORMULA for effect in self.effects)
 
     @property
@@ -123,14 +123,14 @@ class Outcome:
 
     @property
     def false_names(self) -> list[str]:
-        """Mean and switching effects that were named and are not there; noise effects that are not there, too."""
+        """Effects of any family that were named and are not in the record."""
         right = set().union(*(accepted(name, self.case) for name in self.case.effects)) if self.case.effects else set()
         right |= {FORMULA} if self.case.kind == "outside" else set()
         return [e["name"] for e in self.named if not right & {e["name"], *e["equivalent"]}]
 
 
 def _share(gain: float, oracle: float | None) -> float | None:
-    """Return a share; None where held-out data hardly show what an oracle gains."""
+    """Return the gain as a share of the oracle's; None where the oracle gains too little on held-out data."""
     return gain / oracle if oracle is not None and oracle > ACCEPTANCE else None
 
 
@@ -175,7 +175,7 @@ def run_trial(case: Case, folder: Path) -> Outcome:
 
 
 def _answer(table: Path, wheel_file: Path) -> tuple[Search, dict[str, Any], float]:
-    """Answer from the two files alone."""
+    """Return search, report and processor time [s] from the two files alone."""
     wheel = read_wheel(wheel_file)
     read = read_table(table)
     begin = time.process_time()
@@ -187,7 +187,7 @@ def _answer(table: Path, wheel_file: Path) -> tuple[Search, dict[str, Any], floa
 
 
 def oracle_gain(search: Search, hidden: Hidden) -> float:
-    """Return the gain of the true form, fitted at the true jumps; of the weakest effect where several are hidden."""
+    """Return the gain of the true form, fitted given the true jumps; the smallest where several are hidden."""
     gains = []
     for name in hidden.case.effects:
         if name in hidden.torque:
@@ -200,7 +200,7 @@ def oracle_gain(search: Search, hidden: Hidden) -> float:
 
 
 def _torque_gain(problem: Problem, hidden: Hidden, name: str) -> float:
-    """Least squares of the true column beside sign, speed and true levels; white noise of the true variance."""
+    """Least squares of the true column together with sign, speed and true levels; the true long-run variance."""
     parameters = 1 + max(len(hidden.shapes[name]) - 1, 0)
     column = orthogonal(np.sign(hidden.speed) * hidden.torque[name], np.abs(hidden.speed), hidden.jump_index)
     energy = float(column @ column)
@@ -210,29 +210,29 @@ def _torque_gain(problem: Problem, hidden: Hidden, name: str) -> float:
 
 
 def _noise_gain(problem: Problem, hidden: Hidden, name: str) -> float:
-    """The class's own likelihood, on the true noise."""
+    """The gain by the effect class's own likelihood, on the true noise."""
     effect = CATALOGUE[name]
     assert issubclass(effect, NoiseEffect)
     channels = problem.records[0].channels
     if name == "tachometer_quantisation":
-        return float("inf")  # the lattice stands in the table
+        return float("inf")  # the quantisation is visible in the table itself
     return effect.fit(hidden.residual, channels, channels.good).penalised_gain
 
 
 def _switching_gain(search: Search, hidden: Hidden, name: str) -> float:
-    """The likelihood of a rate, with the true jumps; where an attribution is needed, the number of sojourns."""
+    """The gain by the likelihood of a rate, given the true jumps; where attribution is needed, by a count of jumps."""
     channels = search.problem.records[0].channels
     size = hidden.level[hidden.jump_index] - hidden.level[hidden.jump_index - 1]
     if name in ("extra_switching_system", "wrong_duration_law"):
-        # A sojourn that its law forbids costs log 50 (one in fifty is granted to chance); a law that is fitted takes
-        # back about half of it. The first and last sojourn of both systems are cut.
+        # A sojourn that its law excludes costs log 50 (outliers have a probability of 1/50); a fitted law recovers
+        # about half of it. The first and last sojourn of both systems are truncated by the record.
         return 2 * 0.5 * float(np.log(50.0)) * max(len(hidden.jump_index) - 4, 0)
     evidence = SwitchingEvidence(channels, channels.good, Jumps(hidden.jump_index, size))
     return SpeedTriggeredJumps.fit(evidence).penalised_gain
 
 
 class _TrueForm(MeanEffect):
-    """The hidden torque itself, its strength to be fitted."""
+    """The hidden torque itself, as an effect whose strength is fitted."""
 
     name = "true_form"
     parameters = ()
@@ -241,9 +241,9 @@ class _TrueForm(MeanEffect):
 def held_out_oracles(search: Search, hidden: Hidden) -> tuple[Model, Model] | None:
     """Return the fits of an oracle that is given the torque, and of one that is given its form; None without a torque.
 
-    The first has each hidden torque but for its size, sensor noise left out: no search can reach it where an effect
-    hangs on a noisy channel. The second fits the catalogue's form, begun at the true shape, to the record's channels.
-    Both begin at the true jumps.
+    The first is given each hidden torque without sensor noise and fits its size: no search can reach it where an effect
+    depends on a noisy channel. The second fits the catalogue's form to the record's channels, from the true shape.
+    Both start from the true jumps.
     """
     if not hidden.torque:
         return None
@@ -261,7 +261,7 @@ def held_out_oracles(search: Search, hidden: Hidden) -> tuple[Model, Model] | No
 
 
 def _true_shape(problem: Problem, name: str, hidden: Hidden) -> dict[str, float]:
-    """Return the shape with which an effect was drawn, and a middle one where the generator has no such parameter."""
+    """Return the drawn shape of an effect, with a middle value for each parameter that the generator does not have."""
     return {key: hidden.shapes[name].get(key, value) for key, value in middle_shape(problem, SEARCHED[name]).items()}
 
 
