@@ -1,8 +1,8 @@
-"""The search for what is missing, judged on records of a simulator that shares nothing with it: `make foreign`.
+"""The discrepancy search, judged on records of a simulator that shares no code with it: `make foreign`.
 
     python -m benchmarks.foreign [--seed S] [--records N] [--only NUMBER …] [--json FILE] [-o FILE]
 
-Each record goes as a table and a wheel file through the public interface. Half as many records again hide nothing.
+Each record passes as a table and a wheel file through the public interface. Half as many further records hide nothing.
 """
 
 from __future__ import annotations
@@ -26,13 +26,13 @@ from benchmarks.target import Target, at_least, at_most, exit_code, target_table
 
 SEED: Final = 1
 SAMPLES: Final = 20_000
-WANTED: Final = 39 / 40  # of the records: first, and inside a set
-STDS: Final = 1.96  # of a stated 95 % interval
+WANTED: Final = 39 / 40  # share of the records with a right first answer, and of those with all hidden effects in a set
+STDS: Final = 1.96  # half-width of a 95 % interval in standard deviations
 
 
 @dataclass(frozen=True, slots=True)
 class Judged:
-    """One record: names hidden, gain of each [twice the log likelihood], the sets named, the answer's own gain.
+    """One record: names hidden, gain of each [twice the log likelihood], the sets named and the gain reported for each.
 
     `estimates` has for each strength that was named its catalogue name, truth, estimate and stated standard deviation.
     """
@@ -49,22 +49,22 @@ class Judged:
 
     @property
     def first(self) -> bool:
-        """Whether the strongest answer, or what it states to look the same, is hidden."""
+        """Whether the strongest answer, or an effect stated to be equivalent to it, is hidden."""
         return bool(self.sets) and bool(set(self.sets[0]) & set(self.hidden))
 
     @property
     def inside(self) -> bool:
-        """Whether all that is hidden is in some set."""
+        """Whether every hidden effect is in some set."""
         return set(self.hidden) <= {name for names in self.sets for name in names}
 
     @property
     def beside(self) -> list[str]:
-        """Names of the sets that hold nothing that is hidden."""
+        """First names of the sets that hold no hidden effect."""
         return [names[0] for names in self.sets if not set(names) & set(self.hidden)]
 
 
 def strengths(record: Record) -> dict[str, tuple[str, float]]:
-    """Return the parameter of the catalogue and its true value [SI] of what is hidden and has one."""
+    """Return the catalogue's strength parameter and its true value [SI] of each hidden effect that has one."""
     plant = record.world.plant
     of = {one.name: one for one in record.hidden}
     scale = {
@@ -84,7 +84,7 @@ def strengths(record: Record) -> dict[str, tuple[str, float]]:
 
 
 def judge(record: Record, number: int) -> Judged:
-    """Write a record, read it, search it."""
+    """Write a record, read it, search it and judge the report."""
     began = time.process_time()
     with tempfile.TemporaryDirectory() as folder:
         samples, wheel = write(record, Path(folder))
@@ -118,7 +118,7 @@ def _words(size: float, shape: dict[str, float]) -> str:
 
 
 def run(seed: int, records: int, samples: int = SAMPLES, only: Sequence[int] = ()) -> list[Judged]:
-    """Judge the records of a plan, then half as many that hide nothing."""
+    """Judge the records of a plan, then half as many records that hide nothing."""
     hidden = [*plan(records, np.random.default_rng(seed)), *[()] * (records // 2)]
     judged = []
     for number, names in enumerate(hidden):
@@ -134,7 +134,7 @@ def run(seed: int, records: int, samples: int = SAMPLES, only: Sequence[int] = (
 
 
 def targets(judged: Sequence[Judged]) -> list[Target]:
-    """Return what is wanted, with what was reached."""
+    """Return the targets with the figures reached."""
     hidden, null = [one for one in judged if one.hidden], [one for one in judged if not one.hidden]
     first, inside = sum(one.first for one in hidden), sum(one.inside for one in hidden)
     false = sum(bool(one.sets) for one in null)

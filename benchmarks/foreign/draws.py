@@ -1,7 +1,7 @@
-"""What is hidden in a record, of a size that the truth itself shows to be testable, and the record's two files.
+"""Draws the effects hidden in a record, of sizes that are testable given the truth, and writes the record's two files.
 
-A size is drawn so that the true model gains `GAIN` on the base model: twice the log likelihood with noise and jumps
-known, less what false jumps of the base win back. Ranges are those of the catalogue, with smaller sizes added.
+A size is drawn so that the true model gains `GAIN` over the base model: twice the log likelihood with noise and jumps
+known, less what the base model recovers by false jumps. Ranges are those of the catalogue, with smaller sizes added.
 """
 
 from __future__ import annotations
@@ -32,13 +32,13 @@ from benchmarks.foreign.generator import (
 
 GAIN: Final = (60.0, 3000.0)
 TRIES: Final = 300
-REVERSALS: Final = 6  # fewer, or hardly any time in one direction, make many effects one by their formulas
-SIGN: Final = 5.0  # standard deviations of the speed's noise, within which its sign is not known
+REVERSALS: Final = 6  # with fewer, or with hardly any time in one direction, many effects are not distinguishable
+SIGN: Final = 5.0  # standard deviations of the speed's noise, below which the sign is not known
 APART: Final = 0.7  # largest correlation of two effects in one record
-COMPARABLE: Final = 0.2  # least ratio of their torques, root of the mean square
-# Of the dry torque (stribeck, sublinear, quadratic, run-in, ripple, systems, jumps), of f_v (asymmetry, lag, jump), of
-# full scale (bias), of J and K_T; a share a kelvin, s, rad/s; standard deviations of the speed's noise (tachometer) and
-# of the friction's (cage); growth of the noise; φ; degrees of freedom; share of the declared duration; ratio of rates.
+COMPARABLE: Final = 0.2  # least ratio of the RMS of their torques
+# Units: the dry torque (stribeck, sublinear, quadratic, run-in, ripple, systems, jumps), f_v (asymmetry, lag, jump),
+# full scale (bias), J and K_T; 1/K, s, rad/s; standard deviations of the speed's noise (tachometer) and of the
+# friction's (cage); growth of the noise; φ; degrees of freedom; share of the declared duration; ratio of rates.
 SIZES: Final = {
     "stribeck": (0.05, 1.0), "presliding": (1.0, 1.0), "coulomb_asymmetry": (0.003, 0.1), "torque_bias": (3e-4, 0.01),
     "viscous_asymmetry": (0.005, 0.1), "viscosity_temperature": (-0.08, -0.02), "sublinear_viscous": (0.05, 1.5),
@@ -52,15 +52,15 @@ SIZES: Final = {
 }  # fmt: skip
 MEAN: Final = tuple(SIZES)[:17]
 SIGNED: Final = ("coulomb_asymmetry", "torque_bias", "viscous_asymmetry", "inertia_error", "torque_constant_error")
-SCALED: Final = (  # to the wanted gain; the size of others is drawn in its range, and kept where it is testable
+SCALED: Final = (  # to the wanted gain; sizes of others are drawn in their range, and the record kept where testable
     *SIGNED, "stribeck", "sublinear_viscous", "quadratic_drag", "lubricant_lag", "run_in_drift", "load_dependence",
     "torque_ripple", "decaying_jump", "viscous_jump",
 )  # fmt: skip
 NOISE: Final = ("speed_dependent_noise", "coloured_noise", "heavy_tailed_noise", "cage_instability")  # friction given
-LOCAL: Final = ("presliding", "current_delay")  # large in a few samples
-SUDDEN: Final = (*LOCAL, "extra_switching_system")  # or where it jumps: no smooth effect beside it is dwarfed
-ALONE: Final = ("torque_ripple", "tachometer_quantisation", "speed_dead_zone")  # ask for a wheel or signal of their own
-ONE_OF: Final = (  # two of these are one by their formulas
+LOCAL: Final = ("presliding", "current_delay")  # large in a few samples only
+SUDDEN: Final = (*LOCAL, "extra_switching_system")  # or at its jumps: such an effect does not mask a smooth one
+ALONE: Final = ("torque_ripple", "tachometer_quantisation", "speed_dead_zone")  # need their own wheel or signal
+ONE_OF: Final = (  # at most one of each group per record: nearly collinear by their formulas
     {"coulomb_asymmetry", "torque_bias", "viscous_asymmetry"},
     {"inertia_error", "torque_constant_error", "load_dependence", "torque_constant_temperature"},
     {"stribeck", "sublinear_viscous", "quadratic_drag"},
@@ -70,7 +70,7 @@ ONE_OF: Final = (  # two of these are one by their formulas
 
 @dataclass(frozen=True, slots=True)
 class Record:
-    """A record with its truth: what is hidden, gain of each on the base model, columns of the table."""
+    """A record with its truth: the hidden effects, the gain of each over the base model, columns of the table."""
 
     world: World
     declared: tuple[System, ...]
@@ -83,9 +83,9 @@ class Record:
 
 
 def beyond_base(world: World, effect: Hidden) -> Array:
-    """Return what sign, speed and the true levels leave of an effect's torque [standard deviations].
+    """Return the residual of an effect's torque after a fit of sign, speed and true levels [standard deviations].
 
-    Nothing is known where the speed is within its noise: there it has no sign.
+    It is zero where the speed is below its noise, since its sign is not known there.
     """
     plant, level = world.plant, world.level[FINE // 2 :: FINE]
     speed, left = sensed(world, [effect])["speed"], np.zeros(level.size)
@@ -98,7 +98,7 @@ def beyond_base(world: World, effect: Hidden) -> Array:
 
 
 def _off_levels(world: World, value: Array, speed: Array) -> Array:
-    """Return a column without what one dry level between every two jumps takes up."""
+    """Return the residual of a column after a fit of one dry level between every two jumps."""
     side, out = np.sign(speed), value.copy()
     for begin, end in pairwise([0, *world.jumps, value.size]):
         part = slice(begin, end)
@@ -108,7 +108,7 @@ def _off_levels(world: World, value: Array, speed: Array) -> Array:
 
 
 def base_score(folded: Array) -> float:
-    """Return what false jumps of the dry level leave of a residual, each paid with 3 log N: greedy halving."""
+    """Return the sum of squares of a residual after greedy splitting by false jumps, plus 3 log N for each."""
     price, score, parts = 3.0 * np.log(folded.size), float(folded.var() * folded.size), [(0, folded.size)]
     while parts:
         begin, end = parts.pop()
@@ -125,7 +125,7 @@ def base_score(folded: Array) -> float:
 
 
 def _of_tails(effect: Hidden) -> float:
-    """Return the log likelihood a sample of the law of heavy tails over a normal law of its variance, as expected."""
+    """Return the expected log likelihood ratio per sample of the heavy-tailed law over a normal law of its variance."""
     x, step = np.linspace(-60.0, 60.0, 240_001, retstep=True)
     if effect["packets"]:
         wide = 2.0 * effect.size
@@ -137,17 +137,17 @@ def _of_tails(effect: Hidden) -> float:
 
 
 def _by_angle(world: World, effect: Hidden, rest: Array) -> float:
-    """Return what a ripple is worth by the angle that noisy samples of the speed add up to: it loses its phase."""
+    """Return the gain of a ripple over the angle integrated from noisy samples of the speed, whose phase drifts."""
     speed = sensed(world, [effect])["speed"]
     speed = speed + world.plant.speed_noise * np.random.default_rng(int(effect["seed"])).standard_normal(speed.size)
     angle = effect["order"] * np.cumsum(np.convolve(speed, (0.5, 0.5))[:-1]) * world.plant.period
     columns = np.stack([wave(times * angle) for times in (1.0, 2.0) for wave in (np.cos, np.sin)], axis=1)
     found = float(rest @ columns @ np.linalg.lstsq(columns, rest, rcond=None)[0])
-    return found - 4.0 * float(np.log(rest.size))  # what four strengths cost
+    return found - 4.0 * float(np.log(rest.size))  # the penalty of four strengths
 
 
 def gain_of(world: World, effect: Hidden) -> float:
-    """Return twice the log likelihood that an effect of the friction or its noise is worth to who knows it."""
+    """Return twice the log likelihood ratio of the true model with and without an effect of the friction or noise."""
     samples, gain = world.samples, 0.0
     if effect.name == "coloured_noise":
         return -samples * float(np.log(1.0 - effect.size**2))
@@ -159,7 +159,7 @@ def gain_of(world: World, effect: Hidden) -> float:
     if effect.name == "torque_ripple":
         return _by_angle(world, effect, rest)
     folded = rest * world.side[FINE // 2 :: FINE]
-    if effect.name == "extra_switching_system":  # a jump at a moment of its own costs log N, one of a system much less
+    if effect.name == "extra_switching_system":  # free jumps cost log N each, jumps of a system much less
         moves = int(np.count_nonzero(np.abs(np.diff(folded)) > 4.0))
         return 2.0 * moves * (float(np.log(moves + 1.0)) - 1.0)
     if effect.name in NOISE:
@@ -176,7 +176,7 @@ def _log(rng: np.random.Generator, low: float, high: float) -> float:
 
 
 def draw_shape(name: str, rng: np.random.Generator) -> dict[str, float]:
-    """Draw what an effect has beside its size."""
+    """Draw the shape parameters of an effect."""
     alone = float(rng.integers(2))
     shapes: dict[str, dict[str, float]] = {
         "stribeck": {"speed": _log(rng, 1.0, 30.0), "exponent": 1.0 + alone},
@@ -225,7 +225,7 @@ def draw_law(mean: float, rng: np.random.Generator) -> Law:
 
 
 def draw_systems(rng: np.random.Generator) -> tuple[tuple[System, ...], float]:
-    """Draw one or two switching systems, of two or three configurations; return them and the mean rest of the first."""
+    """Draw one or two systems of two or three configurations; return them and the mean rest duration of the first."""
     systems, rests = [], []
     for number in range(int(rng.integers(1, 3))):
         rest, low = rng.uniform(1500.0, 5000.0), rng.uniform(0.2, 0.5)
@@ -240,7 +240,7 @@ def draw_systems(rng: np.random.Generator) -> tuple[tuple[System, ...], float]:
 
 
 def log_density(law: Law, x: float) -> float:
-    """Return the log probability of a sojourn, a ten-thousandth of a broad law's where the law excludes it."""
+    """Return the log probability of a sojourn, at least log(1e-4 / x): a ten-thousandth of a broad law's."""
     family, a, b = law
     if family == "uniform":
         p = 1.0 / (b - a + 1.0) if a <= x <= b else 0.0
@@ -254,20 +254,20 @@ def log_density(law: Law, x: float) -> float:
 
 
 def _restless(rng: np.random.Generator) -> tuple[System, ...]:
-    """Return a system that switches often, without memory: what a rate that follows the speed shows in."""
+    """Return a memoryless system that switches often, so that a rate that follows the speed is identifiable."""
     rest, low = rng.uniform(150.0, 400.0), rng.uniform(0.3, 0.6)
     laws: tuple[Law, ...] = (("geometric", rest, 0.0), ("geometric", rest * rng.uniform(0.5, 1.0), 0.0))
     return (System("system_1", laws, ((0.0, 0.0), (low, 1.3 * low))),)
 
 
 def _clock(share: Array, ratio: float) -> Array:
-    """Rate of the jumps a sample, on average one: larger by a ratio above a third of the highest speed."""
+    """Rate of the jumps at each sample, with a mean of one: larger by a ratio above a third of the highest speed."""
     rate = 1.0 + (ratio - 1.0) * (share > 0.33)
     return np.asarray(rate / rate.mean())
 
 
 def _of_switching(world: World, effect: Hidden, true: System, declared: System) -> float:
-    """Twice the log likelihood of the first system's whole sojourns beside the declared laws."""
+    """Twice the log likelihood ratio of the first system's complete sojourns, by the true over the declared laws."""
     clock, gain = _clock(world.share[FINE // 2 :: FINE], effect.size), 0.0
     for q, begin, length in world.sojourns[0][1:-1]:
         if effect.name == "wrong_duration_law":
@@ -279,12 +279,12 @@ def _of_switching(world: World, effect: Hidden, true: System, declared: System) 
 
 
 def draw_record(names: Sequence[str], samples: int, rng: np.random.Generator) -> Record:
-    """Draw wheel, motion and jumps until all that is to be hidden can be found in them.
+    """Draw wheel, motion and jumps until every effect to be hidden is testable in them.
 
     Raises
     ------
     ValueError
-        If that is not so in `TRIES` draws.
+        If none of `TRIES` draws is.
     """
     for _ in range(TRIES):
         record = _try(names, samples, rng)
@@ -296,7 +296,7 @@ def draw_record(names: Sequence[str], samples: int, rng: np.random.Generator) ->
 def _try(names: Sequence[str], samples: int, rng: np.random.Generator) -> Record | None:
     given = any(name in NOISE for name in names) or bool(rng.integers(3))
     plant = draw_plant(rng, given and "tachometer_quantisation" not in names)
-    if "torque_ripple" in names:  # seen at moments, and an angle that keeps its coherence
+    if "torque_ripple" in names:  # no averaging, and an integrated angle that keeps its coherence
         plant = replace(plant, averaged=False, speed_noise=min(plant.speed_noise, 2e-3), period=0.2)
     declared, rest = draw_systems(rng)
     sizes = {name: float(rng.uniform(*SIZES[name])) for name in names if name in ONE_OF[-1]}
@@ -330,7 +330,7 @@ def _rich(speed: Array) -> bool:
 
 
 def _two(world: World, hidden: Sequence[Hidden]) -> bool:
-    """Whether effects of the friction are apart from each other, and none is dwarfed by another."""
+    """Whether two effects of the friction are weakly correlated, and neither is masked by the other."""
     rest = [beyond_base(world, one) for one in hidden if one.name in MEAN or one.name in TORQUES]
     if len(rest) < 2:
         return True
@@ -340,7 +340,7 @@ def _two(world: World, hidden: Sequence[Hidden]) -> bool:
 
 
 def plan(records: int, rng: np.random.Generator) -> list[tuple[str, ...]]:
-    """Return what records hide: every name in turn, in some order; one record of five hides two."""
+    """Return the effects that each record hides: every name in turn, in random order; one record in five hides two."""
     queue: list[str] = []
 
     def take(allowed: Sequence[str]) -> str:

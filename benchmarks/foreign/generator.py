@@ -1,8 +1,8 @@
-"""Friction records from the physics alone: numpy, a fine time grid, and nothing of the package.
+"""Simulates friction records from the physics alone, with numpy on a fine time grid; it imports nothing of the package.
 
-A wheel of inertia J is driven along a speed ω(t); its current is what `K_T I = J dω/dt + friction` asks for. Speed and
-current are computed on a grid of `FINE` steps a sample, then delayed, averaged over the sample (or taken in its
-middle), made noisy and rounded. The friction column, where there is one, is `K_T I - J dω/dt` by the nominal constants.
+A wheel of inertia J is driven along a speed ω(t); its current follows from `K_T I = J dω/dt + friction`. Speed and
+current are computed on a grid of `FINE` steps per sample, then delayed, averaged over the sample (or taken in its
+middle), given noise and rounded. The friction column, if present, is `K_T I - J dω/dt` by the nominal constants.
 """
 
 from __future__ import annotations
@@ -15,10 +15,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
-Law = tuple[str, float, float]  # a family of sojourns [samples] and its numbers; a geometric law has one
+Law = tuple[str, float, float]  # a family of sojourn laws [samples] and its parameters; a geometric law has one
 Sojourns = list[tuple[int, int, int]]  # configuration, first sample, length
 
-FINE: Final = 10  # steps of the fine grid a sample
+FINE: Final = 10  # steps of the fine grid per sample
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,16 +35,16 @@ class Plant:
     noise: float  # of the friction [N m]
     speed_noise: float
     current_noise: float
-    given: bool  # whether the table has the friction itself
-    averaged: bool  # whether sensors average over the sample, or look at its middle
+    given: bool  # whether the table has a friction column
+    averaged: bool  # whether sensors average over the sample, or take its middle
 
     @property
     def full_scale(self) -> float:
-        """Torque of the motor [N m]."""
+        """Full-scale torque of the motor [N m]."""
         return self.inertia * self.top_acceleration + 3.0 * self.dry
 
     def sampled(self, value: Array) -> Array:
-        """Return what a sensor without noise makes of the fine grid."""
+        """Return the readings of a noiseless sensor from values on the fine grid."""
         steps = value.reshape(-1, FINE)
         weights = np.full(FINE, 1.0 / FINE) if self.averaged else np.eye(FINE)[FINE // 2]
         return np.asarray(steps @ weights)
@@ -89,7 +89,7 @@ class World:
 
     @property
     def share(self) -> Array:
-        """Size of the speed, of the highest."""
+        """Absolute speed as a share of the top speed."""
         return np.abs(self.speed) / self.plant.top_speed
 
     @property
@@ -114,7 +114,7 @@ class Hidden:
 
 
 def draw_plant(rng: np.random.Generator, given: bool) -> Plant:
-    """Draw a wheel between those of a nanosatellite and of a large telescope."""
+    """Draw a wheel of a size between a nanosatellite's and a large space telescope's."""
     inertia = 10.0 ** rng.uniform(-4.0, -1.0)
     top = rng.uniform(350.0, 750.0)
     dry = float(1.5e-3 * np.sqrt(inertia / 0.01) * np.exp(0.3 * rng.standard_normal()))
@@ -131,7 +131,7 @@ def draw_plant(rng: np.random.Generator, given: bool) -> Plant:
 
 
 def _phase(plant: Plant, start: float, rng: np.random.Generator) -> list[tuple[float, float]]:
-    """Return legs (duration [s], speed at the end) of one kind of motion: what a wheel is made to do for a while."""
+    """Return legs (duration [s], speed at the end) of one phase of the motion, of a random kind."""
     top, rate = 0.9 * plant.top_speed, 0.8 * plant.top_acceleration
     side = float(rng.choice((-1.0, 1.0)))
     legs: list[tuple[float, float]] = [(0.0, start)]
@@ -167,7 +167,7 @@ def _phase(plant: Plant, start: float, rng: np.random.Generator) -> list[tuple[f
 
 
 def draw_motion(plant: Plant, samples: int, rng: np.random.Generator) -> tuple[Array, Array]:
-    """Return speed and acceleration on the fine grid: phases one after another, corners of finite jerk, some jitter."""
+    """Return speed and acceleration on the fine grid: consecutive phases, corners with finite jerk, some jitter."""
     times, speeds = [0.0], [rng.uniform(-0.5, 0.5) * plant.top_speed]
     while times[-1] < samples * plant.period:
         for duration, speed in _phase(plant, speeds[-1], rng):
@@ -182,7 +182,7 @@ def draw_motion(plant: Plant, samples: int, rng: np.random.Generator) -> tuple[A
 
 
 def relax(course: Array, seconds: float, step: float) -> Array:
-    """Return what follows a course with a time constant [s]."""
+    """Return the first-order lag of a signal, with a time constant [s]."""
     keep, now, out = float(np.exp(-step / seconds)), float(course[0]), []
     for value in course.tolist():
         now = value + keep * (now - value)
@@ -210,7 +210,7 @@ def sojourn(law: Law, rng: np.random.Generator) -> float:
 def draw_path(
     system: System, samples: int, rng: np.random.Generator, clock: Array | None = None
 ) -> tuple[Array, Sojourns]:
-    """Let a system switch: friction a sample [of the dry torque] and sojourns, shorter where `clock` runs faster."""
+    """Simulate a system: friction per sample [of the dry torque] and sojourns, shorter where `clock` is faster."""
     ticks = np.concatenate(([0.0], np.cumsum(np.ones(samples) if clock is None else clock)))
     friction, sojourns = np.zeros(samples), []
     at, now, rest = 0, int(rng.integers(len(system.laws))), rng.uniform()  # the first sojourn began before the record
@@ -231,7 +231,7 @@ def draw_world(
     rng: np.random.Generator,
     clock: Callable[[Array], Array | None] = lambda _: None,
 ) -> World:
-    """Put a wheel in motion; its systems jump anywhere in a sample, at rates of a `clock` of the speed's share."""
+    """Simulate motion, temperatures and levels; jumps lie anywhere in a sample, at rates of `clock` of the speed."""
     speed, rate = draw_motion(plant, samples, rng)
     ticks = clock(np.abs(speed[FINE // 2 :: FINE]) / plant.top_speed)
     paths = [draw_path(system, samples, rng, ticks) for system in systems]
@@ -249,7 +249,7 @@ def draw_world(
 
 
 def _bristle(world: World, angle: float) -> Array:
-    """Dahl's bristle z / z_c, by the exact step for a speed that holds over it."""
+    """Deflection z / z_c of Dahl's bristle, by the exact solution for a constant speed over each step."""
     side, now, out = world.side, float(world.side[0]), []
     keeps = np.exp(-np.abs(world.speed) * world.step / angle)
     for keep, end in zip(keeps.tolist(), side.tolist(), strict=True):
@@ -259,7 +259,7 @@ def _bristle(world: World, angle: float) -> Array:
 
 
 def _viscosity(world: World, effect: Hidden) -> Array:
-    """Arrhenius, so much a kelvin at 293 K."""
+    """Change of the viscous torque by Arrhenius's law; `size` is the relative change per kelvin at 293 K."""
     kelvin = 293.0 + world.bearing
     return world.plant.viscous * world.speed * np.expm1(effect.size * 293.0 * (1.0 - 293.0 / kelvin))
 
@@ -270,7 +270,7 @@ def _ripple(world: World, effect: Hidden) -> Array:
 
 
 def _pockets(world: World, effect: Hidden) -> Array:
-    """Drag that jumps and relaxes: the systems' jumps by a share, or, `alone`, pockets of oil at other moments."""
+    """Drag that jumps and relaxes: a share of the systems' jumps or, with `alone`, oil pockets at other times."""
     if not effect["alone"]:
         relaxed = world.level[0] - relax(world.level, effect["seconds"], world.step)
         return np.asarray(effect.size * relaxed * world.side)
@@ -282,20 +282,20 @@ def _pockets(world: World, effect: Hidden) -> Array:
 
 
 def _switched(world: World, effect: Hidden, low: float, high: float) -> Array:
-    """0 and 1 on the fine grid, in sojourns uniform between shares of the record."""
+    """Alternately 0 and 1 on the fine grid, with durations uniform between two shares of the record."""
     law = ("uniform", max(np.rint(low * world.samples), 2.0), np.rint(high * world.samples))
     system = System("", (law, law), ((0.0, 0.0), (1.0, 1.0)))
     return np.repeat(draw_path(system, world.samples, np.random.default_rng(int(effect["seed"])))[0], FINE)
 
 
 def _slopes(world: World, effect: Hidden) -> Array:
-    """A viscous coefficient that jumps with the dry level, or, `alone`, at moments of its own."""
+    """Torque of a viscous coefficient that jumps with the dry level or, with `alone`, at independent times."""
     up = _switched(world, effect, 0.08, 0.3) if effect["alone"] else world.level / world.plant.dry - 1.0
     return effect.size * world.plant.viscous * world.speed * up
 
 
 def bursts(world: World, effect: Hidden) -> Array:
-    """Where the cage is unstable (1) a sample: in a band of the speed, for a while each time."""
+    """Return 1 for each sample at which the cage is unstable: during bursts, within a band of the speed."""
     share, law = world.share[FINE // 2 :: FINE], ("geometric", effect["sojourn"], 0.0)
     system = System("", (law, law), ((0.0, 0.0), (1.0, 1.0)))
     on = draw_path(system, world.samples, np.random.default_rng(int(effect["seed"])))[0]
@@ -326,7 +326,7 @@ TORQUES: Final[dict[str, Callable[[World, Hidden], Array]]] = {
 
 
 def sensed(world: World, hidden: Sequence[Hidden]) -> dict[str, Array]:
-    """Return speed, current and friction as sensors without noise show them; friction by the nominal constants."""
+    """Return speed, current and friction as read by noiseless sensors; friction by the nominal constants."""
     plant = world.plant
     size = {one.name: one.size for one in hidden}
     friction = world.level * world.side + plant.viscous * world.speed
@@ -346,7 +346,7 @@ def sensed(world: World, hidden: Sequence[Hidden]) -> dict[str, Array]:
 
 
 def _through_dead_zone(speed: Array, hidden: Sequence[Hidden]) -> Array:
-    """Return the reading of a tachometer that sees no slow motion: zero, or the last reading held."""
+    """Return the reading of a tachometer with a dead zone: zero below its threshold, or the last reading held."""
     for one in hidden:
         if one.name == "speed_dead_zone":
             outside = np.abs(speed) >= one.size
@@ -356,7 +356,7 @@ def _through_dead_zone(speed: Array, hidden: Sequence[Hidden]) -> Array:
 
 
 def spread(world: World, hidden: Sequence[Hidden]) -> Array:
-    """Return the standard deviation of the noise a sample, one where nothing is hidden."""
+    """Return the relative standard deviation of the noise at each sample; one where no effect changes it."""
     share = world.share[FINE // 2 :: FINE]
     out = np.ones(share.size)
     for one in hidden:
@@ -375,7 +375,7 @@ def _noise(world: World, hidden: Sequence[Hidden], rng: np.random.Generator) -> 
             e = e * np.where(rng.uniform(size=e.size) < 0.01, 2.0 * one.size, 1.0)
         elif one.name == "heavy_tailed_noise":
             e = rng.standard_t(one.size, e.size)
-        elif one.name == "coloured_noise":  # AR(1): relaxes by the coefficient a sample
+        elif one.name == "coloured_noise":  # AR(1), with the coefficient φ per sample
             e = relax(np.sqrt((1.0 + one.size) / (1.0 - one.size)) * e, -1.0 / np.log(one.size), 1.0)
     return world.plant.noise * e * spread(world, hidden)
 
