@@ -1,4 +1,4 @@
-"""What other work ran on the machine beside a benchmark, so that its page can state it."""
+"""Measures the load of other processes on the machine during a benchmark, so that its page can state it."""
 
 from __future__ import annotations
 
@@ -8,13 +8,13 @@ import psutil
 
 
 class Beside:
-    """Counts the processor time that went to neither this process nor those that it started, from now on."""
+    """Counts the processor time spent by neither this process nor those that it started, since its creation."""
 
     def __init__(self) -> None:
         self._began_s, self._other_s = time.monotonic(), _other_s()
 
     def cores(self) -> float:
-        """Return how many processors other work has kept busy since, on average."""
+        """Return how many processors other processes have kept busy since then, on average."""
         return max(0.0, _other_s() - self._other_s) / (time.monotonic() - self._began_s)
 
 

@@ -1,6 +1,6 @@
 """Rebuilds the model that ships with the package: `make model`, or `python -m benchmarks.built_in_model -o FILE`.
 
-Identical on the same machine; elsewhere numbers may differ in the last of their 12 digits.
+The result is identical on the same machine; elsewhere numbers may differ in the last of their 12 digits.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ def train_built_in_model(workers: int, windows: int = WINDOWS) -> Model:
     workers
         Processes; the result does not depend on it.
     windows
-        Number of windows; fewer give a rougher model for a test.
+        Number of windows; fewer give a less accurate model, for tests.
     """
     found = list(outcomes(RECIPE, windows, SEED, workers))
     joint, paper = ([outcome.labelled(method) for outcome in found] for method in ("joint", "paper"))
@@ -39,7 +39,7 @@ def train_built_in_model(workers: int, windows: int = WINDOWS) -> Model:
 
 
 def main() -> None:
-    """Write the model to the file that is asked for."""
+    """Write the model to the given file."""
     parser = argparse.ArgumentParser(description="Rebuilds the built-in model.")
     parser.add_argument("-o", "--output", type=Path, required=True, help="file to write")
     parser.add_argument("--windows", type=int, default=WINDOWS, help="fewer give a rougher model (default %(default)s)")

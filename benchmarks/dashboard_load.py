@@ -1,9 +1,9 @@
-"""The dashboard under load: wheels that update, pages that look, and how long server and browser take.
+"""The dashboard under load: many wheels and clients, and the response times of server and browser.
 
     python benchmarks/dashboard_load.py [--wheels 1000] [--clients 50] [--seconds 20]
 
-A process of its own serves the dashboard, as `rwa-monitor dashboard` does; another one plays the monitors over Zenoh on
-loopback; a third one keeps the feeds of all clients open and asks the API meanwhile. A real browser shows the fleet:
+One process serves the dashboard, as `rwa-monitor dashboard` does; another one simulates the monitors over Zenoh on
+loopback; a third one keeps the feeds of all clients open and queries the API meanwhile. A real browser shows the fleet:
 it is measured by the gaps between its animation frames and by its long tasks. Exit code 1 when a target is missed.
 """
 
@@ -36,7 +36,7 @@ from tests.history.support import diagnosis
 CHROMIUM: Final = "/usr/bin/chromium"
 MAX_FRAME_MS: Final = 50.0  # of the browser's main thread
 MAX_P99_MS: Final = 50.0  # of an answer of the server
-SETTLE_S: Final = 3.0  # while all pages open at once
+SETTLE_S: Final = 3.0  # until all pages, opened at once, are loaded
 UPDATES_PER_S: Final = 10  # frames of the feed a second: its period is 0.1 s
 PATHS: Final = ("api/alarms", "api/wheels/sat/wheel_7", "api/wheels/sat/wheel_7/windows?limit=50", "api/recordings")
 FRAMES: Final = """() => {
@@ -51,7 +51,7 @@ FRAMES: Final = """() => {
 
 @dataclass(frozen=True, slots=True)
 class Figures:
-    """What was measured; times in ms."""
+    """Measured figures; times in ms."""
 
     wheels: int
     clients: int
@@ -90,7 +90,7 @@ class Figures:
 
 
 def play_monitors(endpoint: str, wheels: int, rate: float, diagnoses_per_s: float) -> None:
-    """Send statuses of each wheel, so many a second, evenly spread, and some diagnoses, until killed."""
+    """Send `rate` statuses per second of each wheel, evenly spread, and some diagnoses, until killed."""
     template = Status(
         spacecraft="sat", wheel="", samples_received=0, samples_used=0, samples_masked=0, samples_late=0,
         samples_duplicate=0, samples_rejected=0, samples_queued=0, slots_missed=0, messages_rejected=0,
@@ -166,7 +166,7 @@ async def look(address: str, clients: int, seconds: float) -> dict[str, Any]:
             await asyncio.sleep(1.0)
 
     def nap() -> None:
-        """How long a thread that has nothing to do but sleep for 5 ms oversleeps: what the machine costs, not we."""
+        """Measure by how much an idle thread oversleeps 5 ms: the latency of the machine, not of the dashboard."""
         while time.monotonic() < end:
             asleep = time.perf_counter()
             time.sleep(0.005)
@@ -191,7 +191,7 @@ async def look(address: str, clients: int, seconds: float) -> dict[str, Any]:
 
 
 def browse(address: str, during: Any) -> tuple[dict[str, Any], Any]:
-    """Show the fleet in a browser while `during` runs; return what was measured, and what it gave."""
+    """Show the fleet in a browser while `during` runs; return the browser's figures and the result of `during`."""
     from playwright.sync_api import sync_playwright
 
     with sync_playwright() as playwright:
@@ -220,7 +220,7 @@ def browse(address: str, during: Any) -> tuple[dict[str, Any], Any]:
 
 @contextmanager
 def program(*command: str) -> Iterator[subprocess.Popen[str]]:
-    """Run a Python program of this tree beside this one, and kill it in the end."""
+    """Run a Python program of this tree in parallel, and kill it at the end."""
     environment = os.environ | {"PYTHONPATH": os.pathsep.join(path for path in sys.path if path)}
     process = subprocess.Popen(
         [sys.executable, *command], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=environment
@@ -233,7 +233,7 @@ def program(*command: str) -> Iterator[subprocess.Popen[str]]:
 
 
 def measure(wheels: int, clients: int, seconds: float, diagnoses_per_s: float, rate: float = 1.0) -> Figures:
-    """Run everything once."""
+    """Run server, monitors, clients and browser once, and return the figures."""
     endpoint = free_endpoint()
     with (
         TemporaryDirectory() as folder,
@@ -278,7 +278,7 @@ def measure(wheels: int, clients: int, seconds: float, diagnoses_per_s: float, r
 
 
 def main() -> int:
-    """Measure, or play one of the parts in a process of its own; return the exit code."""
+    """Measure, or run one of the parts as a separate process; return the exit code."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--wheels", type=int, default=1_000)
     parser.add_argument("--clients", type=int, default=50)

@@ -1,9 +1,9 @@
-"""How often the demo's search names the hidden effect first: its satellite for many seeds, without the bus.
+"""How often the demo's search names the hidden effect first: its satellite simulated for many seeds, without the bus.
 
 Run it with ``python -m benchmarks.demo_seeds [--first N] [--count N] [--processes N]``. For each seed the satellite is
-simulated, and the window that the monitor gives to the search (the second one that its model does not fit, of which the
-live core diagnoses as many as it takes) goes to the same function as in the monitor's child process. *exact*: the first
-name is the hidden one; *same*: it is that or one that no such record separates from it (`SAME`).
+simulated and diagnosed by the live core; the window that the monitor passes to the search (the second in a row that its
+model does not fit) goes to the same function as in the monitor's child process. *exact*: the first name is the hidden
+one; *same*: it is the hidden one or one that no such record distinguishes from it (`SAME`).
 """
 
 from __future__ import annotations
@@ -24,22 +24,22 @@ from rwa_monitor.simulation.demo_satellite import WINDOW_SECONDS, Satellite, sim
 TARGET = 0.9  # share of seeds whose first name is right: 18 of 20
 WINDOWS = 5  # reported at most: 30 s of the demo
 
-# Names that no record of current, speed and friction separates (benchmarks/blind/equivalence.py has the whole table).
+# Names that no record of current, speed and friction distinguishes (full table: benchmarks/blind/equivalence.py).
 SAME = (frozenset({"inertia_error", "torque_constant_error"}),)
 
 
 def same(name: str, other: str) -> bool:
-    """Return whether two names are one answer in the demo."""
+    """Return whether two names count as the same answer in the demo."""
     return name == other or any({name, other} <= group for group in SAME)
 
 
 @dataclass(frozen=True)
 class Row:
-    """What came of one seed."""
+    """Results of one seed."""
 
     seed: int
     hidden: str
-    window: int  # number of the window that was searched, 0 where none was
+    window: int  # number of the searched window, 0 where none was
     first: str
     others: tuple[str, ...]
     equivalent: tuple[str, ...]

@@ -1,4 +1,4 @@
-"""Error rates that hold online: run length of provisional jumps, their delay beside FOCuS, false alarms of a year.
+"""Online error rates: run length of provisional jumps, their delay compared with FOCuS, false alarms per year.
 
     python -m benchmarks.false_alarms [--seed N] [--quick] [-o FILE]
 
@@ -36,15 +36,15 @@ from rwa_monitor.wheel.wheel import Wheel, built_in_wheel
 
 SEED: Final = 23011
 ASKED: Final = (1e4, 1e5, 1e6)  # samples between false reports
-EVENTS: Final = 120  # false reports that a run length is measured on
-WITHIN: Final = 1.5  # times more or less than asked for
+EVENTS: Final = 120  # expected false reports in the measurement of a run length
+WITHIN: Final = 1.5  # largest factor between the run length measured and the one asked for, either way
 JUMPS: Final = (0.5, 1.0, 2.0)  # standard deviations of the noise
 DELAYS_AT: Final = 1e5  # run length of the comparison [samples]
 BEFORE: Final = 8192  # slots before the jump: two chunks, so that the noise is known
 AFTER: Final = 2000  # slots after which a jump counts as missed
 TRIALS: Final = 200
 FOCUS_RUNS: Final = 16
-FOCUS_LONGEST: Final = 4  # run lengths after which a run of FOCuS is cut
+FOCUS_LONGEST: Final = 4  # run lengths after which a run of FOCuS is ended
 AR: Final = 0.5
 FREEDOM: Final = 4.0
 
@@ -72,7 +72,7 @@ NOISES: Final[dict[str, Noise]] = {"white": _white, f"AR({AR:g})": _coloured, f"
 
 @dataclass(frozen=True, slots=True)
 class RunLength:
-    """Run length asked for [samples], false reports, and samples that they were counted in."""
+    """Run length asked for [samples], number of false reports, and number of samples."""
 
     noise: str
     asked: float
@@ -97,7 +97,7 @@ def _with_run_length(samples: float, slots: int | None = None) -> Wheel:
 
 
 def _quiet(wheel: Wheel, noise: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return speed [rad/s] and friction [N m] of slots without a jump, noise of so many standard deviations on it."""
+    """Return speed [rad/s] and friction [N m] of slots without a jump; `noise` is in standard deviations."""
     assert wheel.nominal is not None
     assert wheel.noise.friction_std_Nm is not None
     speed = wheel.nominal.nominal_speed_rad_s * (0.7 + 0.3 * np.sin(np.arange(noise.size) / 9000.0))
@@ -106,7 +106,7 @@ def _quiet(wheel: Wheel, noise: FloatArray) -> tuple[FloatArray, FloatArray]:
 
 
 def run_length(name: str, asked: float, rng: np.random.Generator, events: int) -> RunLength:
-    """Count false reports in as many windows as are expected to hold so many."""
+    """Count false reports in as many windows as are expected to contain `events` of them."""
     wheel = _with_run_length(asked)
     slots = wheel.window.samples
     windows, reports = int(np.ceil(events * asked / slots)), 0
@@ -155,7 +155,7 @@ def _focus_delay(noise: FloatArray, jump: float, threshold: float) -> float:
 
 
 def focus_threshold(asked: float, rng: np.random.Generator, runs: int = FOCUS_RUNS) -> float:
-    """Return FOCuS's threshold of a run length, by the largest statistics of runs of white noise.
+    """Return FOCuS's threshold for a run length, from the largest statistics of runs of white noise.
 
     Of runs that end at `FOCUS_LONGEST` run lengths, the rate of first passages is their number over the time at risk.
     """
@@ -178,7 +178,7 @@ def focus_threshold(asked: float, rng: np.random.Generator, runs: int = FOCUS_RU
 
 
 def delays(rng: np.random.Generator, trials: int, asked: float) -> list[Delays]:
-    """Measure delays of both in white noise, on the same samples."""
+    """Measure the delays of both detectors on the same samples with white noise."""
     wheel, threshold = _with_run_length(asked, BEFORE + AFTER), focus_threshold(asked, rng)
     found = []
     for jump in JUMPS:
@@ -198,14 +198,14 @@ FLEETS: Final = (64, 1000)  # wheels
 
 @dataclass(frozen=True, slots=True)
 class FalseAlarms:
-    """Alarms raised by each policy on healthy wheels, and for how long these were watched [wheel-years]."""
+    """Alarms raised by each policy on healthy wheels, and the time of observation [wheel-years]."""
 
     raised: dict[str, int]
     windows: int
     years: float
 
     def a_year(self, policy: str) -> tuple[float, float, float]:
-        """Return alarms of a wheel in a year, with the exact 95 % interval of a Poisson count."""
+        """Return alarms per wheel and year, with the exact 95 % interval of a Poisson count."""
         count = self.raised[policy]
         low = float(stats.chi2.ppf(0.025, 2 * count)) / 2.0 if count else 0.0
         high = float(stats.chi2.ppf(0.975, 2 * count + 2)) / 2.0
@@ -217,7 +217,7 @@ def _healthy(wheel: Wheel, number: int, windows: int, rng: np.random.Generator) 
 
 
 def _history(seed: int, windows: int, number: int) -> dict[str, int]:
-    """Return by policy how many alarms the life of one healthy wheel raises."""
+    """Return the number of alarms in the history of one healthy wheel, by policy."""
     recipe = Recipe("healthy", RECIPES["mild"].wheel, _healthy, windows)
     state, raised = CarriedState.empty(), dict.fromkeys(POLICIES, 0)
     alarms: dict[str, dict[str, Alarm]] = {policy: {} for policy in POLICIES}
@@ -238,7 +238,7 @@ def _history(seed: int, windows: int, number: int) -> dict[str, int]:
 
 
 def false_alarms(wheels: int, windows: int, seed: int, workers: int) -> FalseAlarms:
-    """Count alarms in the lives of healthy wheels, of so many windows each, with what one window shows the next."""
+    """Count alarms in the histories of healthy wheels, each of `windows` windows, with the state carried over."""
     lives = list(in_processes(partial(_history, seed, windows), range(wheels), workers))
     wheel = built_in_wheel()
     years = wheels * windows * wheel.window.samples * wheel.sample_period_s / YEAR_S

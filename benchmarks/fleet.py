@@ -1,10 +1,10 @@
-"""How diagnosis of many recordings scales with workers, and what memory each takes: `python -m benchmarks.fleet`.
+"""How diagnosis of many recordings scales with workers, and how much memory each uses: `python -m benchmarks.fleet`.
 
-Simulates recordings of one window of 80,000 samples, diagnoses them on 1, 2 and 4 processes, though on no more than
+Simulates recordings of one window of 80,000 samples, diagnoses them on 1, 2 and 4 processes, but on no more than
 there are cores, and writes docs/fleet.md. Making a recording takes several times as long as diagnosing it: all are made
-first, on all cores. Efficiency is the time with one process over n times the time with n; they are started before the
-clock is, since a fleet of thousands of recordings starts them once. Beside it stand the processor times, which other
-programs on the machine hardly change.
+first, on all cores. Efficiency is the time with one process over n times the time with n. The processes are started
+before timing begins, since a fleet of thousands of recordings starts them once. The page also gives processor times,
+which other programs on the machine hardly change.
 """
 
 from __future__ import annotations
@@ -45,13 +45,13 @@ def main() -> None:
     options = parser.parse_args()
     with tempfile.TemporaryDirectory() as folder:
         files = _recordings(Path(folder), options.recordings)
-        few = _measure(files[: options.recordings // 4], max(options.workers), 1)  # first: a peak stays
+        few = _measure(files[: options.recordings // 4], max(options.workers), 1)  # first: the peak never decreases
         measured = {workers: _measure(files, workers, options.repeats) for workers in options.workers}
     put_out(to_markdown(measured, few, options.recordings), options.output)
 
 
 def _recordings(folder: Path, count: int) -> list[Path]:
-    """Make them, in a process for each core, which end with it."""
+    """Make the recordings, in one process for each core; the processes end afterwards."""
     with ProcessPoolExecutor(cores(), mp_context=get_context("spawn")) as pool:
         return list(pool.map(partial(_recording, folder), range(count), chunksize=10))
 
@@ -63,8 +63,8 @@ def _recording(folder: Path, seed: int) -> Path:
 
 
 def _measure(files: list[Path], workers: int, repeats: int) -> dict[str, Any]:
-    """Return the seconds of each repeat, the peak memory [MB] of a worker, and processor times a recording [ms]."""
-    list(each(Diagnose(), files[: 2 * workers], workers=workers))  # started, imported
+    """Return the seconds of each repeat, the peak memory [MB] of a worker, and processor times per recording [ms]."""
+    list(each(Diagnose(), files[: 2 * workers], workers=workers))  # starts the workers and their imports
     seconds = []
     before, own = _worker_s(workers), time.process_time()
     for _ in range(repeats):
@@ -84,7 +84,7 @@ def _measure(files: list[Path], workers: int, repeats: int) -> dict[str, Any]:
 
 
 def _workers(workers: int) -> list[psutil.Process]:
-    """Return the processes that work: one worker is this process."""
+    """Return the worker processes; a single worker is this process."""
     this = psutil.Process()
     return (
         [this]

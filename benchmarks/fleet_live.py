@@ -1,11 +1,11 @@
 """How many wheels one `rwa-monitor run` serves on one core: `python -m benchmarks.fleet_live --wheels 1000`.
 
-This process stands for the fleet: each wheel sends a message of eight samples once a second, over TCP on loopback. The
+This process simulates the fleet: each wheel sends a message of eight samples once a second, over TCP on loopback. The
 monitor is pinned to one core, this process to the others. The lag of a wheel is the age of its oldest message that the
 monitor's own `status` does not count yet; 0 where it counts all.
 
-The last fleet goes on from windows that are nearly full: the recording that its monitor finds holds them. Its monitor
-ends a recording when it is a minute old, so that the next one is begun, with the state of all wheels, meanwhile.
+The last fleet continues nearly full windows, from a recording that its monitor finds at the start. That monitor ends a
+recording after one minute, so that the next one, with the state of all wheels, begins during the measurement.
 """
 
 from __future__ import annotations
@@ -47,8 +47,8 @@ from rwa_monitor.wheel.wheel import built_in_wheel
 RATE_HZ = 8
 SETTLE_S = 30.0  # for discovery of all publishers, after which lag and processor time count
 FULL_SLOTS = 76_000  # of the 80,000 of a window
-FILE_AGE_S = 60.0  # of a recording of the fleet with full windows; it is a day otherwise
-# The command, but for how old a recording may become.
+FILE_AGE_S = 60.0  # largest age of a recording of the fleet with full windows; a day otherwise
+# The command `run` with another limit of a recording's age.
 RUN = f"""
 from rwa_monitor.monitor import recorder
 recorder.MAX_FILE_AGE_S = {FILE_AGE_S}
@@ -59,7 +59,7 @@ main()
 
 @dataclass
 class Wheel:
-    """What was sent of one wheel, and what the monitor reports as received."""
+    """Messages sent of one wheel, and samples that the monitor reports as received."""
 
     publisher: SamplesPublisher
     put_s: list[float] = field(default_factory=list)
@@ -68,7 +68,7 @@ class Wheel:
 
 @dataclass(frozen=True)
 class Measured:
-    """What came out."""
+    """Measured figures."""
 
     wheels: int
     seconds: float
@@ -83,7 +83,7 @@ class Measured:
 
 
 class Rotation:
-    """Looks how long two recordings are written side by side, and how large the new one is then."""
+    """Measures how long two recordings are written at the same time, and the size of the new one at the end of it."""
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
@@ -96,14 +96,14 @@ class Rotation:
         began_s: float | None = None
         while not self._ended.wait(0.25):
             *before, last = recordings_of(self.folder)
-            # The one before has no end yet: wheels are left in it.
+            # The previous recording is not ended: some wheels are still recorded in it.
             if before and not _is_ended(before[-1]):
                 began_s = began_s or time.monotonic()
             elif began_s is not None and not self.took_s:
                 self.took_s, self.file_MB = time.monotonic() - began_s, last.stat().st_size / 1e6
 
     def end(self) -> None:
-        """Look no more."""
+        """Stop measuring."""
         self._ended.set()
         self._thread.join()
 
@@ -115,7 +115,7 @@ def _is_ended(path: Path) -> bool:
 
 
 def record_full_windows(folder: Path, samples: Samples, wheels: int) -> None:
-    """Make a recording that a monitor of nearly full windows would have left behind."""
+    """Make a recording as left by a monitor whose windows are nearly full."""
     core = WheelCore(built_in_wheel(), built_in_model())
     for begin in range(0, len(samples), 256):
         core.feed(samples[begin : begin + 256])
@@ -134,7 +134,7 @@ def record_full_windows(folder: Path, samples: Samples, wheels: int) -> None:
 
 
 def measure(wheels: int, seconds: float, filled: int = 0) -> Measured:
-    """Serve wheels for some seconds after settling, whose windows have been filled with so many slots before."""
+    """Measure a monitor for some seconds after settling; each wheel's window already holds `filled` slots."""
     cores = sorted(os.sched_getaffinity(0))
     endpoint = free_endpoint()
     samples = simulate(Scenario(duration_s=11_000.0), built_in_wheel(), np.random.default_rng(1)).samples
@@ -205,7 +205,7 @@ def _drive(
             counting, cpu_s, beside = True, _cpu_s(monitor), Beside()
         part = samples[filled + second * RATE_HZ : filled + (second + 1) * RATE_HZ]
         for number, wheel in enumerate(fleet):
-            # Spread over the second, as wheels of many satellites are.
+            # Spread over the second, like wheels of many satellites.
             due = began + second + number / count
             time.sleep(max(0.0, due - time.monotonic()))
             wheel.put_s.append(time.monotonic())
@@ -228,7 +228,7 @@ def _cpu_s(process: psutil.Process) -> float:
 
 
 def to_markdown(found: list[Measured], full: Measured) -> str:
-    """Return what was measured as a table."""
+    """Return the page with the measured figures."""
     named = [*((f"{m.wheels:,}", m) for m in found), (f"{full.wheels:,}, full windows, rotation", full)]
     rows = [
         [
@@ -273,14 +273,14 @@ def to_markdown(found: list[Measured], full: Measured) -> str:
 
 
 def main() -> None:
-    """Measure, and put out the page."""
+    """Measure, and write the page."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--wheels", type=int, nargs="+", default=[100, 1000])
     parser.add_argument("--full-wheels", type=int, default=1000, help="of the fleet whose windows are nearly full")
     parser.add_argument("--seconds", type=float, default=60.0)
     add_output_option(parser)
     options = parser.parse_args()
-    # Those before last 30 s of settling and as long as given; this one until the rotation has ended in any case.
+    # The other fleets run for 30 s of settling and the given time; this one at least until the rotation has ended.
     full = measure(options.full_wheels, max(options.seconds, 120.0), FULL_SLOTS)
     put_out(to_markdown([measure(wheels, options.seconds) for wheels in options.wheels], full), options.output)
 

@@ -1,8 +1,8 @@
-"""Judge Basilisk's records: a wheel in motion must be adequate with Basilisk's parameters, one from rest must not.
+"""Judge Basilisk's records: the model of a wheel in motion must be adequate with its parameters, from rest it must not.
 
     python check.py FOLDER        # holds crossing.csv/.toml and rest.csv/.toml, made by record.py
 
-Exit code 1 where something comes out otherwise.
+Exit code 1 where a result differs.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from rwa_monitor.monitor.setup import read_wheel
 from rwa_monitor.telemetry.table import read_table
 
 COULOMB_NM, VISCOUS = 1.6e-3, 5.3e-6  # as in record.py
-WITHIN = 0.01  # of the true value
+WITHIN = 0.01  # relative error of a parameter
 
 
 def search(folder: Path, case: str) -> Search:
@@ -27,7 +27,7 @@ def search(folder: Path, case: str) -> Search:
 
 
 def main() -> int:
-    """Print what is found and return the exit code."""
+    """Print the results and return the exit code."""
     folder = Path(sys.argv[1])
     crossing, rest = search(folder, "crossing").result, search(folder, "rest").result
     wheel = read_wheel(folder / "crossing.toml")

@@ -1,10 +1,10 @@
-"""An exported wheel in Basilisk itself: its message gives the law that was fitted, its module the exact friction.
+"""Runs an exported wheel in Basilisk: its message must give the fitted law, its module the exact friction.
 
-Runs in an environment of its own that holds Basilisk (`bsk`); it uses nothing of rwa_monitor. See `make outside`.
+Runs in a separate environment with Basilisk (`bsk`); it uses nothing of rwa_monitor. See `make outside`.
 
     python exported.py FOLDER        # what `rwa-monitor export WHEEL.toml --to basilisk -o FOLDER` wrote
 
-Exit code 1 where something comes out otherwise.
+Exit code 1 where a result differs.
 """
 
 import sys
@@ -22,8 +22,8 @@ PERIOD_S = 0.125
 DURATION_S = 2000.0
 INERTIA = 0.0117  # kg m²
 BODY_INERTIA = 1e6  # kg m²
-# Of the Coulomb friction: what is logged is the friction of a Runge-Kutta step's last stage and the speed of its end,
-# which differ most where the Stribeck peak is steep.
+# Tolerance, of the Coulomb friction: the logged friction is that of a Runge-Kutta step's last stage, the logged speed
+# that of its end; they differ most where the Stribeck peak is steep.
 WITHIN = 1e-9
 EXACT_WITHIN = 1e-12  # of the largest speed: 16,000 roundings of 1e-16, most of which cancel
 
@@ -34,7 +34,7 @@ def motor_torque_Nm(time_s: float) -> float:
 
 
 def simulate(exact: bool) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Run Basilisk; return the speed at each step, and what it logs: speed [rad/s] and friction [N m]."""
+    """Run Basilisk; return the speed at each step, and its log: speed [rad/s] and friction [N m]."""
     simulation = SimulationBaseClass.SimBaseClass()
     process = simulation.CreateNewProcess("process")
     process.addTask(simulation.CreateNewTask("task", macros.sec2nano(PERIOD_S)))
@@ -83,7 +83,7 @@ def by_hand(commands: int) -> np.ndarray:
         torque = friction.torque(speed, (speed - before) / PERIOD_S, angle, 20.0, PERIOD_S)
         before = speed
         if k > 0:  # Basilisk's first call is at time zero, and moves nothing
-            # The body turns the other way, and a wheel's speed is relative to it.
+            # The body turns in the opposite direction, and a wheel's speed is relative to it.
             speed += PERIOD_S * (motor_torque_Nm(k * PERIOD_S) - torque) * (1 / INERTIA + 1 / BODY_INERTIA)
         speeds.append(speed)
     return np.array(speeds)

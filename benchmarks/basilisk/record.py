@@ -1,6 +1,6 @@
 """A wheel record made by an outside simulator: Basilisk's reaction wheel with friction, written as a sample table.
 
-Runs in an environment of its own that holds Basilisk (`bsk`); it uses nothing of rwa_monitor. See `make outside`.
+Runs in a separate environment with Basilisk (`bsk`); it uses nothing of rwa_monitor. See `make outside`.
 
     python record.py crossing|rest OUT.csv OUT.toml
 
@@ -83,7 +83,7 @@ def main() -> None:
     """Write the record and its wheel file."""
     case, table, wheel_file = sys.argv[1], Path(sys.argv[2]), Path(sys.argv[3])
     time_s, speed, torque = simulate(case)
-    # The torque of step k acts from sample k to k+1: what resists over that step is what does not accelerate.
+    # The torque of step k acts from sample k to k+1; friction over that step is the part that does not accelerate.
     friction = torque[1:-1] - INERTIA * np.diff(speed)[1:] / PERIOD_S
     middle = 0.5 * (speed[1:-1] + speed[2:])
     rng = np.random.default_rng(1)
