@@ -1,10 +1,10 @@
-"""Anomalies found in bearings that warm and cool, beside the same wheels at one temperature: `make heat`.
+"""Anomalies found in bearings that warm and cool, compared with the same wheels at one temperature: `make heat`.
 
     python -m benchmarks.heat [--windows N] [--learned N] [--seed N] [--jobs N] [-o FILE]
 
 Windows of the recipe `orbit`, of the same at one temperature (`orbit_still`) and without the channel (`orbit_blind`)
-hold the same wheels, motions, jumps and noise. Each is diagnosed alone by the built-in model. The same windows again,
-with a temperature channel that is broken in one way or another. Last, wheels that are learned from three recordings.
+hold the same wheels, motions, jumps and noise. Each is diagnosed alone by the built-in model. The same windows are
+diagnosed again with faults of the temperature channel. Last come wheels that are learned from three recordings.
 """
 
 from __future__ import annotations
@@ -37,14 +37,14 @@ from rwa_monitor.wheel.wheel import Wheel
 ANOMALIES: Final = ("dry", "viscous", "fss_1", "fss_2")
 DIGITS_K: Final = 0.5
 LEARNED_AT_DEGC: Final = (8.0, 20.0, 32.0)
-JUDGED_AT_DEGC: Final = (6.0, 12.0, 26.0, 34.0, 45.0)  # the last is beyond what was learned
+JUDGED_AT_DEGC: Final = (6.0, 12.0, 26.0, 34.0, 45.0)  # the last is outside the learned range
 FAULT: Final = 1.3
-SEASONS: Final = 31  # temperatures of a year, at which its recordings were made
+SEASONS: Final = 31  # number of temperatures over a year, at which recordings were made
 
 
 @dataclass(frozen=True, slots=True)
 class Seen:
-    """What became of one window: labels and what was diagnosed, (anomalies,), and the verdict."""
+    """Result on one window: labels and diagnosed anomalies, (anomalies,), and the verdict."""
 
     labels: tuple[bool, ...]
     found: tuple[bool, ...]
@@ -52,7 +52,7 @@ class Seen:
 
 
 def _with_channel(change: Callable[[FloatArray], FloatArray | None]) -> Callable[[LabelledWindow], LabelledWindow]:
-    """Return what changes the temperature channel of a window."""
+    """Return a function that applies a change to the temperature channel of a window."""
 
     def changed(window: LabelledWindow) -> LabelledWindow:
         samples = window.telemetry.samples
@@ -80,7 +80,7 @@ def _gone(temperature: FloatArray) -> None:
 
 
 def _without_temperature(window: LabelledWindow) -> LabelledWindow:
-    """Return a window whose temperature nobody measured, with the wheel file that recordings of all seasons show."""
+    """Return a window without the temperature channel, its wheel's viscous spread that of recordings of all seasons."""
     wheel = window.wheel
     (law,) = viscous_effects(wheel)
     assert wheel.nominal is not None
@@ -100,7 +100,7 @@ def _without_temperature(window: LabelledWindow) -> LabelledWindow:
 
 
 def _still(wheel: Wheel, number: int, windows: int, rng: np.random.Generator) -> Scenario:
-    """What happens to a wheel of `orbit`, at one temperature of its surroundings."""
+    """Return the scenario of a wheel of `orbit` at a constant temperature."""
     at_once = Temperature()
     return RECIPES["orbit"].scenario(wheel, number, windows, rng).model_copy(update={"temperature": at_once})
 
@@ -125,7 +125,7 @@ CHANNELS: Final[dict[str, Callable[[LabelledWindow], LabelledWindow]]] = {
 
 @dataclass(frozen=True, slots=True)
 class _Window:
-    """One window of a recipe, its channel changed or not."""
+    """One window of a recipe, its temperature channel changed or not."""
 
     recipe: str
     number: int
@@ -157,7 +157,7 @@ def _seen(samples: Samples, wheel: Wheel, labels: dict[str, bool]) -> Seen:
 
 @dataclass(frozen=True, slots=True)
 class _Learned:
-    """One wheel whose law is learned from three recordings, then windows of it, healthy and failing."""
+    """One wheel whose law is learned from three recordings, and windows of it to diagnose, healthy and failing."""
 
     number: int
     seed: int
@@ -168,7 +168,7 @@ class _Learned:
         recordings = [(f"{at:g} °C", simulate(_at(at), wheel, rng).samples) for at in LEARNED_AT_DEGC]
         bare = Wheel(name=wheel.name, sample_period_s=wheel.sample_period_s)
         learned = identify(recordings, bare, systems=False).wheel
-        # The switching systems, of which three recordings show too little, are known.
+        # The switching systems are given: three recordings are too few to identify them.
         nominal = learned.nominal and learned.nominal.model_copy(update={"nominal_speed_rad_s": 300.0})
         known = wheel.model_copy(
             update={"nominal": nominal, "effect": learned.effect, "temperature": learned.temperature}
@@ -191,7 +191,7 @@ def _at(mean_degC: float, viscous: float = 1.0) -> Scenario:
 
 
 def _row(name: str, seen: Sequence[Seen]) -> list[str]:
-    """Return detection of each anomaly, false ones of any in all windows, and how many verdicts stay open."""
+    """Return the detection rate of each anomaly, and the rates of false anomalies, alarms and inconclusive verdicts."""
     cells = [name]
     for a in range(len(ANOMALIES)):
         there = [one.found[a] for one in seen if one.labels[a]]
@@ -224,7 +224,7 @@ def _false(seen: Sequence[Seen]) -> float:
 
 
 def targets(recipes: dict[str, list[Seen]], learned: list[tuple[float, Seen]]) -> list[Target]:
-    """Return what is wanted, with what was reached."""
+    """Return the targets with the figures reached."""
     still, orbit, blind = (recipes[f"`{name}`"] for name in ("orbit_still", "orbit", "orbit_blind"))
     inside = [seen for at, seen in learned if LEARNED_AT_DEGC[0] - ORBIT_SWING_K <= at <= LEARNED_AT_DEGC[-1]]
     healthy, failing = ([seen for seen in inside if any(seen.labels) == there] for there in (False, True))

@@ -1,4 +1,4 @@
-"""What a benchmark ran on, and the most memory that a process took."""
+"""Describes the machine that a benchmark ran on, and measures the peak memory of a process."""
 
 from __future__ import annotations
 
@@ -55,8 +55,8 @@ def in_words(named: Mapping[str, object]) -> str:
 def peak_memory_bytes(process: int | str = "self") -> int:
     """Return the largest resident memory that a process, by its number, has had so far; Linux only.
 
-    The `ru_maxrss` of `getrusage` is not this: a process that was started takes over the largest memory of the one that
-    started it (`setmax_mm_hiwater_rss` at the exec of Linux).
+    The `ru_maxrss` of `getrusage` differs: a child process inherits the largest memory of its parent
+    (`setmax_mm_hiwater_rss` at the exec of Linux).
     """
     for line in Path(f"/proc/{process}/status").read_text(encoding="ascii").splitlines():
         name, _, size = line.partition(":")

@@ -1,8 +1,8 @@
 """What the search finds in measured friction: `python -m benchmarks.measured DIR -o docs/measured.md`.
 
 DIR holds the six joints of a Stäubli TX40 (see `SOURCE`); the tables themselves are not part of this project. For each
-joint: the basic law beside the published parameters, what the search finds, and what that gains on the second half of
-the record after it was found on the first, without anything fitted there.
+joint: the basic law and the published parameters, the effects found by the search, and how much the effects found on
+the first half of the record improve the prediction of the second half, where nothing is fitted.
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ PUBLISHED: Final = {
 }
 NEAR_ZERO: Final = (0.02, 0.1)  # rad/s: beyond rest, where Stribeck friction would be largest
 FAR: Final = (1.0, 3.0)  # rad/s
-REVERSAL_S: Final = 0.05  # s about a change of sign: the friction came through a low-pass of 50 Hz
+REVERSAL_S: Final = 0.05  # s about a change of sign: the friction was low-pass filtered at 50 Hz
 MEMORY_S: Final = 0.5  # s over which residuals may correlate; 0.25 to 1 s change offsets' errors by a quarter at most
 
 ABOUT: Final = """\
@@ -101,7 +101,7 @@ that `load_dependence` is not named."""
 
 @dataclass(frozen=True, slots=True)
 class BasicLaw:
-    """Dry and viscous friction and an offset fitted to a whole record, with standard errors; and how it misses."""
+    """Dry and viscous friction and an offset fitted to a whole record, with standard errors and residuals."""
 
     values: FloatArray  # dry, viscous, offset
     std: FloatArray
@@ -109,12 +109,12 @@ class BasicLaw:
     near_zero_Nm: float  # mean residual along the motion at speeds NEAR_ZERO, less that at FAR
     near_zero_samples: int
     near_zero_reversing: float  # share of them within REVERSAL_S of a change of sign
-    independent_std: FloatArray  # what the standard errors would be with independent samples
+    independent_std: FloatArray  # the standard errors under independent residuals
 
 
 @dataclass(frozen=True, slots=True)
 class Offset:
-    """What `torque_bias` gains beside a law: the gain of the penalised deviance, and its strength [N m]."""
+    """Gain of `torque_bias` added to a law (decrease of the penalised deviance), and its strength [N m]."""
 
     beside_basic: tuple[float, float]
     beside_found: tuple[float, float]
@@ -122,7 +122,7 @@ class Offset:
 
 @dataclass(frozen=True, slots=True)
 class SecondHalf:
-    """RMSE on the second half of a record, everything found and fitted on the first [N m]."""
+    """RMSE on the second half of a record of models found and fitted on the first half [N m]."""
 
     names: tuple[str, ...]
     base_Nm: float
@@ -131,7 +131,7 @@ class SecondHalf:
 
 @dataclass(frozen=True, slots=True)
 class Load:
-    """How the motor torque explains friction: taken raw, it holds the friction itself; RMSE over the basic law's."""
+    """RMSE over the basic law's with drag in proportion to the motor torque: as measured, and without the friction."""
 
     correlation: float  # of motor torque and friction
     raw_ratio: float
@@ -153,7 +153,7 @@ class Joint:
 
 
 def judge_joint(folder: Path, number: int) -> Joint:
-    """Search one joint's record, and its first half.
+    """Search one joint's record, and separately its first half.
 
     Raises
     ------
@@ -204,7 +204,7 @@ def _covariance_of_scores(scores: FloatArray, lags: int) -> FloatArray:
 
 
 def bias_beside(search: Search, model: Model) -> tuple[float, float]:
-    """Return what `torque_bias` gains beside a model, levels and jumps found afresh, and its strength [N m]."""
+    """Return gain and strength [N m] of `torque_bias` added to a model, with levels and jumps estimated again."""
     fitting = Fitting(search.problem, jumps=bool(model.fit.jumps.size))
     alternatives = fitting.extensions(model, [MEAN_EFFECTS["torque_bias"]])
     if not alternatives:  # not worth a full fit
@@ -218,7 +218,7 @@ def second_half(samples: Samples, wheel: Wheel) -> SecondHalf:
     """Search the first half of a record and predict the second with what was found."""
     half = len(samples) // 2
     search = find_discrepancy([("first half", samples[slice(0, half)])], wheel)
-    problem = prepare([make_record(samples, wheel, "whole")], wheel)  # what has a state goes on: the angle, a lag
+    problem = prepare([make_record(samples, wheel, "whole")], wheel)  # whole: states (the angle, a lag) continue
     second = problem.slot >= half
 
     def rmse(model: Model) -> float:
@@ -233,7 +233,7 @@ def second_half(samples: Samples, wheel: Wheel) -> SecondHalf:
 
 
 def load(search: Search, samples: Samples) -> Load:
-    """Compare drag in proportion to the motor torque as measured with that to its part that holds no friction."""
+    """Compare drag in proportion to the measured motor torque with drag in proportion to its part without friction."""
     problem = search.problem
     assert samples.motor_torque_Nm is not None
     assert samples.friction_torque_Nm is not None
@@ -293,7 +293,7 @@ def _basic_table(joints: Sequence[Joint]) -> str:
 
 
 def _lacking(search: Search) -> list[str]:
-    """Return the cells of what the search found: mean effects, others, what is unexplained, colour of the noise."""
+    """Return the cells of the search's results: mean effects, others, unexplained, autocorrelation of the noise."""
     effects, noise, left = search.result.effects, search.problem.noise, search.result.unexplained
     families: dict[bool, list[str]] = {True: [], False: []}
     for effect in effects:
@@ -328,7 +328,7 @@ def _gain_table(joints: Sequence[Joint]) -> str:
 
 
 def _remarks(joints: Sequence[Joint]) -> list[str]:
-    """Return what a reader must know beside the tables, with the figures it rests on."""
+    """Return the remarks that accompany the tables, with their figures."""
     times = [float(joint.basic.std[2] / joint.basic.independent_std[2]) for joint in joints]
     offset_rows = [
         [

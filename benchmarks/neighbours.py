@@ -1,11 +1,10 @@
-"""What a spacecraft's wheels show beside each other: causes that all share, and a wheel that fails by itself.
+"""Comparison of a spacecraft's wheels: causes that all wheels share, and a wheel that fails alone.
 
     python -m benchmarks.neighbours [--spacecraft N] [--seed N] [--jobs N] [-o FILE]
 
 Each spacecraft has four wheels of recipe `mild`, diagnosed window by window into a history. In a third of them
-viscous friction, or all friction, of all wheels shifts at once; in a third one wheel's friction grows; in a third
-nothing is the matter. A failing wheel is also taken into a history of its own, to see when its alarm is raised
-without siblings.
+viscous friction, or all friction, of all wheels shifts at once; in a third one wheel's friction grows; a third is
+healthy. Each wheel is also taken into a separate history, to measure when its alarm is raised without siblings.
 """
 
 from __future__ import annotations
@@ -35,9 +34,9 @@ from rwa_monitor.wheel.wheel import Wheel
 SEED: Final = 33071
 WHEELS: Final = 4
 WINDOWS: Final = 24
-ONSET: Final = 10  # windows before anything happens
-SHIFTS: Final = (0.08, 0.20)  # of a cause that all share, up or down
-SOON: Final = 4  # windows within which it is to be named
+ONSET: Final = 10  # windows before the change begins
+SHIFTS: Final = (0.08, 0.20)  # relative change by a shared cause, up or down
+SOON: Final = 4  # windows within which a shared cause is to be named
 
 Kind = Literal["shared", "alone", "healthy"]
 KINDS: Final[tuple[Kind, ...]] = ("shared", "alone", "healthy")
@@ -45,14 +44,14 @@ KINDS: Final[tuple[Kind, ...]] = ("shared", "alone", "healthy")
 
 @dataclass(frozen=True, slots=True)
 class Fate:
-    """What happens to a spacecraft.
+    """The fault of a spacecraft's wheels.
 
     Attributes
     ----------
     kind
-        A cause that all wheels share, one wheel that fails, or nothing.
+        A cause that all wheels share, one wheel that fails, or no fault.
     factors
-        By anomaly: the factor on the friction of those that it happens to.
+        By anomaly: the factor on the friction of the affected wheels.
     failing
         Number of the wheel that fails.
     """
@@ -63,7 +62,7 @@ class Fate:
 
     @classmethod
     def draw(cls, number: int, seed: int) -> Fate:
-        """Draw what happens to a spacecraft."""
+        """Draw the fault of a spacecraft."""
         kind, rng = KINDS[number % len(KINDS)], np.random.default_rng([seed, number])
         failing = int(rng.integers(WHEELS))
         if kind == "alone":
@@ -74,7 +73,7 @@ class Fate:
         return cls(kind, dict.fromkeys(names, factor) if kind == "shared" else {}, failing)
 
     def scenario(self, hit: bool, wheel: Wheel, number: int, windows: int, rng: np.random.Generator) -> Scenario:
-        """Return the scenario of a wheel that it happens to, or not."""
+        """Return the scenario of a wheel, affected (`hit`) or not."""
         healthy = RECIPES["mild"].scenario(wheel, number, windows, rng).model_copy(update={"anomalies": {}})
         window_s = wheel.window.samples * wheel.sample_period_s
         growth_s = (windows - ONSET) * window_s if self.kind == "alone" else 0.0
@@ -98,7 +97,7 @@ def _life(fate: Fate, number: int, wheel: int, seed: int) -> list[Diagnosis]:
 
 
 def _raised(lives: Sequence[Sequence[Diagnosis]]) -> dict[tuple[str, str], int]:
-    """Return by wheel and anomaly the window with which its first alarm is raised."""
+    """Return the window of the first alarm by wheel and anomaly."""
     raised: dict[tuple[str, str], int] = {}
     with History(None) as history:
         for window, diagnoses in enumerate(zip(*lives, strict=True)):
@@ -111,14 +110,14 @@ def _raised(lives: Sequence[Sequence[Diagnosis]]) -> dict[tuple[str, str], int]:
 
 @dataclass(frozen=True, slots=True)
 class Seen:
-    """What the history of a spacecraft shows; windows counted from the beginning.
+    """First alarms in the history of a spacecraft; windows are numbered from the beginning.
 
     Attributes
     ----------
     fate
-        What happened.
+        The fault.
     together, by_itself
-        By wheel and anomaly, the window of the first alarm: of all wheels, and of each in a history of its own.
+        By wheel and anomaly, the window of the first alarm: in a common history, and in a separate one of each wheel.
     """
 
     fate: Fate
@@ -127,7 +126,7 @@ class Seen:
 
     @property
     def named(self) -> bool:
-        """Whether a shared cause is named soon, and no wheel is blamed."""
+        """Whether a shared cause is named within `SOON` windows, and no alarm names a single wheel."""
         shared = [window for (wheel, _), window in self.together.items() if wheel == ALL_WHEELS]
         return bool(shared) and ONSET <= min(shared) < ONSET + SOON and len(shared) == len(self.together)
 

@@ -1,9 +1,9 @@
 """Makes the table of null distributions: `make nulls`, or `python -m benchmarks.nulls -o FILE`.
 
-Null records lack nothing: the built-in wheel with its switching systems (livelier by four, so that short records
-have jumps too), moved in every way, with noise of every law, friction given or derived. On each
-the whole catalogue is tried and the largest gain of each family is kept. Coloured and heavy-tailed noise are noise
-effects themselves: the noise family is judged on white noise alone.
+Null records follow the base model: the built-in wheel with its switching systems (long sojourns shortened to a quarter,
+so that short records have jumps too), every motion, noise of every law, friction given or derived. On each the whole
+catalogue is tried and the largest gain of each family is kept. Coloured and heavy-tailed noise are noise effects
+themselves: the null distribution of the noise family is that on white noise alone.
 """
 
 from __future__ import annotations
@@ -45,13 +45,13 @@ NOISES: Final = {
 }
 LONG: Final = 1_000  # slots: a sojourn that may last longer is shortened
 SHORTENED: Final = 0.25  # some fourteen jumps in 20,000 samples
-NOTHING: Final = -99.0  # stands for "no candidate was worth a full fit": below every statistic that counts
+NOTHING: Final = -99.0  # reported in place of a statistic where no candidate reached a full fit: below all others
 
 
 def livelier(wheel: Wheel) -> Wheel:
     """Return the wheel with the long sojourns of its systems shortened, so that short records have jumps too.
 
-    Short sojourns stay: shortened too they would last a sample or two, and be heavy tails instead of jumps.
+    Short sojourns stay as they are: shortened to a sample or two they would act as heavy tails instead of jumps.
     """
 
     def law(known: Any) -> Uniform:
@@ -99,7 +99,7 @@ def make_table(records: int, lengths: tuple[int, ...], workers: int) -> dict[str
             done = list(pool.map(null_gains, *zip(*plan, strict=True), chunksize=4))
             sys.stderr.write(f"{count} samples: {len(done)} records\n")
             for family, derived in itertools.product(("mean", "noise", "switching"), (False, True)):
-                # Noise effects are judged on white noise, and for derived friction by the same records.
+                # The noise family uses the records with white noise, also for derived friction.
                 noises = {"white"} if family == "noise" else {n for n in NOISES if (n == "derived") is derived}
                 of = [one for (_, _, noise, _), one in zip(plan, done, strict=True) if noise in noises]
                 row: dict[str, Any] = {"family": family, "derived": derived, "samples": count}

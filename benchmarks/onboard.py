@@ -1,7 +1,7 @@
 """The monitor alone on a small computer: disk, start, memory, share of one core; `make onboard` writes docs/onboard.md.
 
-The package is built here and installed into a fresh environment beside what requirements-monitor.txt names: no web, no
-database, no build tools, no training. There it replays a reference and diagnoses a table of samples.
+The package is built here and installed into a fresh environment with the packages of requirements-monitor.txt: no web,
+no database, no build tools, no training. There it replays a reference and diagnoses a table of samples.
 Then it serves the four wheels of a satellite, pinned to one core (`taskset`) and with its data limited (RLIMIT_DATA:
 what the process may write to), while this process publishes 8 samples a second of each wheel over TCP.
 """
@@ -35,14 +35,14 @@ WHEELS = 4
 RATE_HZ = 8
 FAST_BATCH = 256
 WINDOW = 80_000
-PATIENCE_S = 900.0  # on a machine that has much else to do
+PATIENCE_S = 900.0  # timeout, for a heavily loaded machine
 LIMITS_MB = (128, 192, 256, 384, 512, 768)
 ROOT = Path(__file__).parents[1]
 
 
 @dataclass
 class Measured:
-    """What was measured; seconds, megabytes, shares of a core."""
+    """Measured figures; seconds, megabytes, shares of a core."""
 
     disk_MB: float
     largest: dict[str, float]
@@ -58,7 +58,7 @@ class Measured:
 
 
 class Service:
-    """`rwa-monitor run` of the fresh environment, pinned to one core and limited."""
+    """`rwa-monitor run` of the fresh environment, pinned to one core, with limited memory."""
 
     def __init__(self, environment: Path, folder: Path, limit_MB: int) -> None:
         self.endpoint = free_endpoint()
@@ -96,7 +96,7 @@ class Service:
         return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
 
     def stop(self) -> None:
-        """Stop it."""
+        """Stop the process."""
         self.process.send_signal(signal.SIGTERM)
         self.process.wait(60.0)
 
@@ -141,7 +141,7 @@ def measure(seconds: float) -> Measured:
         limit_MB, fast, full = _least_limit(environment, folder)
         service = Service(environment, folder / "slow", limit_MB)
         try:
-            slot = publish(service, 0, 4, RATE_HZ, 1.0)  # the first status is out
+            slot = publish(service, 0, 4, RATE_HZ, 1.0)  # the first status has been published
             begin_s, cpu_s = time.monotonic(), service.cpu_s()
             publish(service, slot, int(seconds), RATE_HZ, 1.0)
             share = (service.cpu_s() - cpu_s) / (time.monotonic() - begin_s)
@@ -165,7 +165,7 @@ def measure(seconds: float) -> Measured:
 
 
 def install(folder: Path) -> Path:
-    """Build the wheel here and install it, with what a monitor needs, into a fresh environment."""
+    """Build the package and install it, with the monitor's requirements, into a fresh environment."""
     where = f"-Cbuild-dir={folder / 'build'}"
     build = [sys.executable, "-m", "build", "--wheel", "--no-isolation", where, "-o", str(folder), str(ROOT)]
     subprocess.run(build, check=True, capture_output=True)
@@ -179,11 +179,11 @@ def install(folder: Path) -> Path:
 
 
 def _try_commands(environment: Path, folder: Path) -> None:
-    """Run what the page promises of this installation; an error ends the benchmark."""
+    """Run the commands that the page claims to work in this installation; an error ends the benchmark."""
     make_it = ["simulate", "dataset", "--recipe", "paper", "--count", "1", "--format", "csv", "-o", str(folder / "set")]
     program = str(environment / "bin/rwa-monitor")
     for command in (
-        [sys.executable, "-m", "rwa_monitor", *make_it],  # by the full installation: the truth is Parquet
+        [sys.executable, "-m", "rwa_monitor", *make_it],  # with the full installation: the truth is a Parquet file
         [program, "diagnose", str(folder / "set/paper_00000.csv")],
         [program, "replay", "--verify", str(ROOT / "replay/nominal")],
     ):
@@ -191,7 +191,7 @@ def _try_commands(environment: Path, folder: Path) -> None:
 
 
 def _least_limit(environment: Path, folder: Path) -> tuple[int, float, float]:
-    """Return the least limit with which all wheels fill and diagnose a window, the rate, and the memory then."""
+    """Return the least limit under which all wheels fill and diagnose a window, the sample rate, and the memory."""
     for limit_MB in LIMITS_MB:
         try:
             service = Service(environment, folder / f"limit_{limit_MB}", limit_MB)
@@ -209,7 +209,7 @@ def _least_limit(environment: Path, folder: Path) -> tuple[int, float, float]:
 
 
 def _seconds(command: list[str]) -> float:
-    """Return the processor time of a command: on a machine with nothing else to do, the time it takes."""
+    """Return the processor time of a command: on an otherwise idle machine, its duration."""
     before = resource.getrusage(resource.RUSAGE_CHILDREN)
     subprocess.run(command, check=True, stdout=subprocess.DEVNULL, env={"PATH": os.environ["PATH"]})
     after = resource.getrusage(resource.RUSAGE_CHILDREN)
@@ -313,7 +313,7 @@ The fourth stays with the same exponential; of the C library's functions, `hypot
 
 
 def main() -> int:
-    """Measure, put out the page, return the exit code."""
+    """Measure, write the page, return the exit code."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--seconds", type=float, default=60.0, help="how long at 8 Hz")
     add_output_option(parser)

@@ -1,4 +1,4 @@
-"""The one template of all pages of results: title, sections, tables, rates with intervals; printed and written."""
+"""Common template of all result pages: title, sections, tables, rates with intervals; prints and writes a page."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from scipy import stats
 
 from benchmarks.machine import describe_machine
 
-NONE = "–"  # in a cell: there is nothing to show
+NONE = "–"  # in a cell: no value
 
 
 def page(title: str, *parts: str) -> str:
@@ -22,7 +22,7 @@ def page(title: str, *parts: str) -> str:
 
 
 def section(title: str, *parts: str, level: int = 2) -> str:
-    """Return a part of a page with a heading of its own; `level` 3 is a part of a part."""
+    """Return a section of a page with its heading; `level` 3 is a subsection."""
     return "\n\n".join((f"{'#' * level} {title}", *parts))
 
 
@@ -32,7 +32,7 @@ def table(header: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
 
 
 def made_at() -> str:
-    """Return the end of a page: command, commit with its date and whether the tree differed from it, and machine."""
+    """Return the footer of a page: command, commit with its date and whether the tree differed from it, and machine."""
     git = ("git", "-C", str(Path(__file__).parent))
     try:
         commit, changed = (
@@ -89,7 +89,7 @@ def add_output_option(parser: argparse.ArgumentParser) -> None:
 
 
 def put_out(text: str, output: Path | None) -> None:
-    """Print a page with its end, see `made_at`, and write it to the file, None for no file."""
+    """Print a page with its footer, see `made_at`, and write it to the file, None for no file."""
     text += made_at()
     sys.stdout.write(text)
     if output is not None:
