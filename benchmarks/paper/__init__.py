@@ -1,1 +1,1 @@
-"""Every table and figure of the paper, measured again: `make benchmark-paper`."""
+"""Every table and figure of the paper, reproduced: `make benchmark-paper`."""

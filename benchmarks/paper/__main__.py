@@ -1,9 +1,9 @@
-"""Every table and figure of the paper, measured again, beside the oracles and peers: `make benchmark-paper`.
+"""Every table and figure of the paper, reproduced and compared with oracles and peers: `make benchmark-paper`.
 
     python -m benchmarks.paper [--windows N] [--seed N] [--workers N] [--quick] [-o FILE]
 
-Takes some minutes. Prints the page; with -o its pictures go into pictures/ beside it. The other packages (skchange,
-ruptures) are optional: what is not installed is left out, and stderr names it. Exit code 1 where the method joint
+Takes some minutes. Prints the page; with -o its pictures are written to pictures/ next to it. The other packages
+(skchange, ruptures) are optional: missing ones are left out and named on stderr. Exit code 1 where the method joint
 misses a target.
 """
 

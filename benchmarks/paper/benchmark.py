@@ -1,4 +1,4 @@
-"""Runs everything that the page shows."""
+"""Runs all measurements of the page."""
 
 from __future__ import annotations
 
@@ -32,21 +32,21 @@ from rwa_monitor.samples import IntArray
 from rwa_monitor.simulation.datasets import generate
 from rwa_monitor.wheel.wheel import built_in_wheel
 
-SPLITS: Final = 30  # random ones, as in the paper
+SPLITS: Final = 30  # random splits, as in the paper
 RECIPE: Final = "paper"
 HARD_RECIPE: Final = "hard"  # on which changepoints are compared as well
 METHODS: Final[tuple[Method, ...]] = ("paper", "joint")
 PAPER_EXCESS_RMSE: Final = 0.0025  # with changepoints, normalised
-PAPER_ERROR: Final = 0.08  # to which the paper's errors follow the Gaussian, normalised
-MORE_BEYOND: Final = 1.05  # times as many samples beyond it as with the true changepoints
-ENOUGH: Final = 100  # windows, below which rates show too little to be called missed
+PAPER_ERROR: Final = 0.08  # up to which the paper's errors follow the Gaussian, normalised
+MORE_BEYOND: Final = 1.05  # largest ratio of samples beyond it to those with the true changepoints
+ENOUGH: Final = 100  # windows, below which rates are too uncertain to call a target missed
 PEERS: Final = (skchange_fpop, skchange_moving_window, ruptures_window, ruptures_pelt)
 QUICK_PEERS: Final = (skchange_fpop, skchange_moving_window)
 
 
 @dataclass(frozen=True, slots=True)
 class Size:
-    """How much is measured.
+    """Extent of the measurement.
 
     Attributes
     ----------
@@ -59,7 +59,7 @@ class Size:
     timed
         Windows whose stages are timed and whose changepoints are compared with other packages'.
     peers
-        These packages.
+        The packages to compare with.
     """
 
     windows: int = 1000
@@ -70,24 +70,24 @@ class Size:
     peers: tuple[Callable[[], Peer], ...] = PEERS
 
     def quick(self) -> Size:
-        """Return a small version, for a look and for tests."""
+        """Return a small version, for a quick look and for tests."""
         return replace(self, windows=40, splits=3, swept=0, timed=1, peers=QUICK_PEERS)
 
 
 @dataclass(frozen=True, slots=True)
 class PaperBenchmark:
-    """Everything that the page shows.
+    """All results of the page.
 
     Attributes
     ----------
     size
-        What was measured.
+        Extent of the measurement.
     result
         Accuracy, jumps and rejections of both methods and the oracles.
     hard
         Accuracy of the paper's method with hard duration laws, as printed.
     examined
-        One for each window.
+        One entry per window.
     bins
         The sweep of the number of bins.
     widths
@@ -95,13 +95,13 @@ class PaperBenchmark:
     run_lengths
         Average run lengths.
     detected
-        By recipe: changepoints beside other packages'.
+        By recipe: changepoints of ours and of other packages.
     second_source
-        By recipe: what FPOP's candidates would add to ours; empty without skchange.
+        By recipe: the benefit of FPOP's candidates in addition to ours; empty without skchange.
     times
-        Of each stage, by method.
+        Time of each stage, by method.
     missing
-        What could not be compared, and why.
+        Packages that could not be compared, and why.
     """
 
     size: Size
@@ -132,7 +132,7 @@ class PaperBenchmark:
 
     @property
     def enough(self) -> bool:
-        """Whether there are windows enough to call a target missed."""
+        """Whether there are enough windows to call a target missed."""
         return self.size.windows >= ENOUGH
 
 
@@ -142,7 +142,7 @@ def run(size: Size, workers: int = 2) -> PaperBenchmark:
     Parameters
     ----------
     size
-        How much.
+        Extent of the measurement.
     workers
         Processes that examine windows; 0 works in this one. Only times depend on it.
     """
@@ -184,7 +184,7 @@ def _installed(wanted: Sequence[Callable[[], Peer]]) -> tuple[list[Peer], tuple[
 
 
 def paper_targets(found: PaperBenchmark) -> list[Target]:
-    """Return what the method `joint` is to reach beside the paper and the oracle, and what it reached."""
+    """Return the targets of the method `joint` relative to the paper and the oracle, with the figures reached."""
     name = f"samples with an error beyond {PAPER_ERROR}, over those of the oracle"
     return [
         *targets(Benchmark((found.result,), found.times)),

@@ -42,7 +42,7 @@ def sweep(outcomes: Sequence[Outcome], features: str, seed: int, splits: int) ->
     outcomes
         Windows with their features.
     features
-        Whose features.
+        The method or oracle whose features are used.
     seed, splits
         Of the random splits of the paper's protocol.
     """
@@ -54,7 +54,7 @@ def sweep(outcomes: Sequence[Outcome], features: str, seed: int, splits: int) ->
         order = rng.permutation(len(outcomes))
         for b, bins in enumerate(SWEPT):
             svm = train_svm([values[i] for i in order[:size]], label[order[:size]], bins)
-            if svm is None:  # too few windows of a kind in this split
+            if svm is None:  # too few windows of one class in this split
                 continue
             error = np.array([(decide(svm, values[i])[0] > 0) != label[i] for i in order])
             wrong[:, b, split] = error[:size].mean(), error[size:].mean()

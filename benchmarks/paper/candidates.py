@@ -1,9 +1,9 @@
-"""Candidates of stage 1 on many noises: recall, false ones and times, beside the paper's method in plain numpy.
+"""Candidates of stage 1 with many kinds of noise: recall, false candidates and times, and the paper's method in numpy.
 
     python -m benchmarks.paper.candidates [--windows N] [--seed N]
 
 A jump is visible when an oracle would see it (`Truth.changepoints.visible`), and found when a candidate lies within 5
-samples of it. Confirmed ones were found before the window closed. Times are medians of one run on one core.
+samples of it. Confirmed candidates were found before the window closed. Times are medians of one run on one core.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ def student(rng: np.random.Generator, count: int) -> FloatArray:
     return np.asarray(rng.standard_t(3, count) / np.sqrt(3.0), dtype=np.float64)
 
 
-# Recipe and the noise that takes the place of its own.
+# Recipe, and the noise that replaces the recipe's own.
 SOURCES: Final[dict[str, tuple[str, Noise | None]]] = {
     "paper": ("paper", None),
     "mild": ("mild", None),
@@ -62,14 +62,14 @@ def windows_of(source: str, count: int, seed: int) -> Iterator[tuple[Window, Cha
         window, truth = window_of(labelled), labelled.telemetry.truth
         if noise is not None:
             size = window.torque_Nm.size
-            # A recording may begin before its first window slot counts; both grids have one length here.
+            # Slots of a recording may precede its first window; here both have the same length.
             other = window.torque_Nm - truth.noise_Nm[:size] + truth.noise_std_Nm * noise(rng, size)
             window = replace(window, torque_Nm=other)
         yield window, truth.changepoints
 
 
 def quality(windows: Iterable[tuple[Window, Changepoints]]) -> list[str]:
-    """Return recall, confirmed recall, false candidates a window, and the times [ms] of append, close and fit."""
+    """Return recall, confirmed recall, false candidates per window, and the times [ms] of append, close and fit."""
     counts, confirmed, laps = [], [], []
     for window, truth in windows:
         accumulator = WindowAccumulator(window.wheel)
@@ -90,7 +90,7 @@ def quality(windows: Iterable[tuple[Window, Changepoints]]) -> list[str]:
 
 
 def plain_quality(windows: Iterable[tuple[Window, Changepoints]]) -> list[str]:
-    """Return the same of the paper's method, which has no confirmed candidates and is not timed."""
+    """Return the same for the paper's method, which has no confirmed candidates and is not timed."""
     counts = []
     for window, truth in windows:
         evidence = window.evidence()

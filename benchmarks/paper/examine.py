@@ -1,4 +1,4 @@
-"""One labelled window through the stages of both methods: all that the paper's figures show of it."""
+"""Runs one labelled window through the stages of both methods and returns the quantities of the paper's figures."""
 
 from __future__ import annotations
 
@@ -19,10 +19,10 @@ from rwa_monitor.simulation.datasets import LabelledWindow
 from rwa_monitor.switching.assignment import assign
 from rwa_monitor.switching.carried_state import CarriedState
 
-HARD: Final = "paper, hard laws"  # name of the features of the paper's method as printed
-ORACLE: Final = "oracle"  # is given when jumps are
+HARD: Final = "paper, hard laws"  # name of the features of the paper's method as published
+ORACLE: Final = "oracle"  # is given the times of the jumps
 ERROR_STEP: Final = 0.002  # of the histogram of absolute errors, normalised; the paper's figure ends at about 0.3
-ERROR_BINS: Final = 151  # the last holds what is beyond
+ERROR_BINS: Final = 151  # the last bin holds all larger errors
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,7 +43,7 @@ class Fitted:
 
 @dataclass(frozen=True, slots=True)
 class Work:
-    """What the assignment of a window took: candidates, rejected ones, states expanded, and whether it was cut off."""
+    """Work of a window's assignment: candidates, rejected ones, expanded states, and whether the search was pruned."""
 
     candidates: int
     rejected: int
@@ -53,14 +53,14 @@ class Work:
 
 @dataclass(frozen=True, slots=True)
 class Examined:
-    """What came of one window.
+    """Results on one window.
 
     Attributes
     ----------
     outcome
         Features and jumps of both methods and the oracles, the paper's method with hard laws among them.
     naive_excess_rmse
-        Of one dry and one viscous coefficient for the whole window.
+        Excess RMSE of one dry and one viscous coefficient for the whole window.
     fitted
         By method, and `ORACLE`.
     work
@@ -77,7 +77,7 @@ class Examined:
 
 
 def examine(labelled: LabelledWindow) -> Examined:
-    """Run one labelled window through everything."""
+    """Run one labelled window through the methods and the oracles."""
     window, wheel = window_of(labelled), labelled.wheel
     evidence = window.evidence()
     as_paper, _, _ = split_friction(evidence, wheel)
@@ -110,7 +110,7 @@ def _work(assignment: Assignment, candidates: int) -> Work:
 
 
 def _fitted(window: Window, evidence: Evidence, index: IntArray) -> Fitted:
-    """Fit levels and slope between changepoints, and look at every sample's residual."""
+    """Fit levels and slope between changepoints; return excess RMSE and histogram of the residuals."""
     levels = estimate(evidence, index)
     residual = np.abs(window.z - levels.viscous * window.x - _level_of_slots(levels, window.z.size))
     bins = np.minimum((residual[window.moving] / ERROR_STEP).astype(np.int64), ERROR_BINS - 1)

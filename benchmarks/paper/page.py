@@ -1,4 +1,4 @@
-"""The page of Markdown: each table and figure of the paper beside what was measured here."""
+"""The page as Markdown: each table and figure of the paper, compared with the results here."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ PAPER: Final = (
     "Anomalies in Satellite Reaction Wheels*, [arXiv:2509.04060](https://arxiv.org/abs/2509.04060), 2025"
 )
 NOT_GIVEN: Final = "not given"
-WORTH_IT: Final = 0.005  # share of jumps recovered from which a second source would be worth a second pass
+WORTH_IT: Final = 0.005  # least share of jumps recovered that would justify a second source of candidates
 WORK_EDGES: Final = (0, 11, 21, 31, 41, 10**6)  # of the table of work, candidates
 
 
@@ -54,7 +54,7 @@ def to_markdown(found: PaperBenchmark, command: str, pictures: str) -> str:
     found
         The results.
     command
-        The command that makes this page again.
+        The command that reproduces this page.
     pictures
         Folder of the pictures, relative to the page, with the beginning of their names: `pictures/paper_`.
     """

@@ -1,7 +1,7 @@
-"""Changepoints only: ours beside other packages that do the same job, and beside a dummy, on the same windows.
+"""Compares changepoints of this project with those of other packages and of a dummy, on the same windows.
 
-The others get what a monitor does not know: the noise's true standard deviation, over the whole of its colour, and
-friction less viscous friction of the true slope. Ours get the samples.
+The other packages are given what a monitor does not know: the noise's true long-run standard deviation, which allows
+for its autocorrelation, and friction less viscous friction of the true slope. Ours are given the samples.
 """
 
 from __future__ import annotations
@@ -33,18 +33,18 @@ Detector = Callable[[Window], IntArray]
 
 @dataclass(frozen=True, slots=True)
 class Detected:
-    """What a detector found in all windows.
+    """Score of a detector over all windows.
 
     Attributes
     ----------
     name
-        Of the detector.
+        Name of the detector.
     given
-        What it was given beforehand.
+        The true values that it is given.
     visible, found
-        True jumps that can be seen, and those with a changepoint within 5 samples.
+        Visible true jumps, and those with a changepoint within 5 samples.
     false
-        Changepoints without a true jump within 5 samples, and second ones for a jump.
+        Changepoints without a true jump within 5 samples, and duplicates for one jump.
     seconds
         Median time of a window [s].
     windows
@@ -68,7 +68,7 @@ def compare(windows: Sequence[LabelledWindow], peers: Sequence[Peer]) -> list[De
     windows
         Labelled windows.
     peers
-        Of other packages, those that are installed.
+        Detectors of the other packages that are installed.
     """
     pairs = [(whitened(labelled), labelled.telemetry.truth.changepoints) for labelled in windows]
     return [
@@ -81,7 +81,7 @@ def compare(windows: Sequence[LabelledWindow], peers: Sequence[Peer]) -> list[De
 
 
 def whitened(labelled: LabelledWindow) -> Window:
-    """Return a window whose stated noise is that of long means, so that peers raise few false alarms in colour too."""
+    """Return a window whose stated noise is the long-run one: few false alarms of peers in autocorrelated noise too."""
     return replace(
         window_of(labelled), noise_std=labelled.telemetry.truth.long_run_std_Nm / labelled.wheel.torque_unit_Nm
     )
@@ -105,13 +105,13 @@ def accepted(window: Window) -> IntArray:
 
 
 def peer_detector(peer: Peer) -> Detector:
-    """Return another package's detector, its indices moved to the window's slots."""
+    """Return another package's detector, its indices converted to the window's slots."""
 
     def detect(window: Window) -> IntArray:
         series = window.series()
         found = np.asarray(peer.search(series), dtype=np.int64)
         moving = np.flatnonzero(window.moving)
-        return moving[found[found < series.size]]  # ruptures names the end of the series as well
+        return moving[found[found < series.size]]  # ruptures returns the end of the series as well
 
     return detect
 
@@ -143,14 +143,14 @@ def _beginning(window: Window) -> Window:
 
 @dataclass(frozen=True, slots=True)
 class SecondSource:
-    """What another detector's changepoints would add to our candidates.
+    """Benefit of another detector's changepoints in addition to our candidates.
 
     Attributes
     ----------
     visible, missed
-        True jumps that can be seen, and those that our candidates miss.
+        Visible true jumps, and those that our candidates miss.
     recovered
-        Missed ones that the other detector finds.
+        Missed jumps that the other detector finds.
     false_ours, false_both
         False candidates of ours alone, and of both together.
     """
@@ -163,7 +163,7 @@ class SecondSource:
 
 
 def add_second_source(windows: Sequence[LabelledWindow], peer: Peer) -> SecondSource:
-    """Count what a peer's changepoints add to our candidates; those within 5 samples of one of ours are the same."""
+    """Count the jumps that a peer's changepoints add to our candidates; those within 5 samples of ours are the same."""
     detect = peer_detector(peer)
     counts = np.zeros(5, dtype=np.int64)
     for labelled in windows:
@@ -179,8 +179,8 @@ def add_second_source(windows: Sequence[LabelledWindow], peer: Peer) -> SecondSo
 def score(index: IntArray, truth: Changepoints) -> tuple[int, int, int]:
     """Return how many jumps are visible, how many of them were found, and how many changepoints are false.
 
-    Each changepoint counts for one jump, each jump for one changepoint, the nearest first; one that found a jump too
-    small to be seen is neither right nor false. Two jumps at once are one.
+    Changepoints and jumps are matched one to one, the nearest first; a changepoint at a jump too small to be visible is
+    neither right nor false. Two simultaneous jumps count as one.
     """
     slots, where = np.unique(truth.index, return_inverse=True)
     visible = np.zeros(slots.size, dtype=np.bool_)

@@ -1,4 +1,4 @@
-"""The paper's figures, drawn again: SVG, the same bytes for the same results."""
+"""Redraws the paper's figures as SVG, with the same bytes for the same results."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ def pictures(found: PaperBenchmark) -> dict[str, str]:
         "bins": draw_bins(found.bins),
         "times": draw_times(found),
     }
-    # Letters as text, not as outlines: a tenth of the size, and a page can be searched.
+    # Letters as text, not as outlines: a tenth of the size, and searchable.
     with mpl.rc_context({"svg.fonttype": "none"}):
         return {name: f'<?xml version="1.0" encoding="utf-8"?>\n{svg(figure)}' for name, figure in drawn.items()}
 
@@ -73,7 +73,7 @@ def draw_run_lengths(curves: RunLengths) -> Figure:
 
 
 def draw_excess_rmse(found: PaperBenchmark) -> Figure:
-    """Draw the histograms of the excess RMSE, naive and with changepoints, and one over the other."""
+    """Draw the histograms of the excess RMSE, naive and with changepoints, and plot one against the other."""
     figure, (left, right, both) = _sheet(11.0, 3)
     naive = [one.naive_excess_rmse for one in found.examined]
     left.hist(naive, bins=30, color="0.6")
@@ -94,7 +94,7 @@ def draw_excess_rmse(found: PaperBenchmark) -> Figure:
 
 
 def draw_errors(found: PaperBenchmark) -> Figure:
-    """Draw the survival function of the absolute error beside that of Gaussian noise."""
+    """Draw the survival functions of the absolute error and of Gaussian noise."""
     figure, (axis,) = _sheet(5.0, 1)
     at = ERROR_STEP * np.arange(ERROR_BINS)
     for who, line in zip(COLOURS, LINES, strict=False):

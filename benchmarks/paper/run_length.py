@@ -1,7 +1,7 @@
 """The paper's figure of the average run length (ARL) at 0.1 % missed jumps, in closed form, for a stated ω(t).
 
-The paper does not give how the speed moved (errata 3), and the information λ of a jump depends on it: within 2w samples
-a step and a ramp of the speed are alike. So each curve belongs to a steady acceleration: normalised speed per sample.
+The paper does not state the speed profile (errata 3), and the information λ of a jump depends on it: within 2w samples
+a step and a ramp of the speed are similar. So each curve is for a constant acceleration: normalised speed per sample.
 """
 
 from __future__ import annotations
@@ -19,16 +19,16 @@ MISSED: Final = 1e-3  # the paper's missed detection rate
 JUMP_SIGMAS: Final = 3.0  # the paper's jump in its figure over w and W_b
 PAPER_WEIGHTS: Final = (1e-8, 1e-6, 1e-4)  # W_b; the paper's text names the outer two
 PAPER_WINDOW: Final = 20
-PAPER_RUN_LENGTHS: Final = {1e-8: 1e4, 1e-4: 1e10}  # read by the paper's text off its figure, at w = 20
+PAPER_RUN_LENGTHS: Final = {1e-8: 1e4, 1e-4: 1e10}  # as the paper's text reads them off its figure, at w = 20
 NOISE_STD: Final = 0.024  # σ of the paper's data, normalised (errata, figures of the paper)
 SLOPE_ERRORS: Final = (0.0, 0.03, 0.1, 0.3, 1.0, 3.0)  # f̃_v - f_v, normalised: f_v is about 1
 SIMULATED_AT: Final = (10, 20, 40)  # w [slots] of the simulated points in the picture
-LONGEST_RUN: Final = 1e18  # samples; beyond, an ARL means nothing but "never"
+LONGEST_RUN: Final = 1e18  # samples; a longer ARL only means "never"
 
 
 @dataclass(frozen=True, slots=True)
 class StatisticLaw:
-    """√GLR/σ, a normal variable: D, its standard deviation, and its shift by an error of the slope of one σ."""
+    """Law of √GLR/σ, a normal variable: D, its standard deviation, and its shift by a slope error of one σ."""
 
     energy: float
     std: float
@@ -39,8 +39,8 @@ def law_of(half_width: int, weight: float, acceleration: float) -> StatisticLaw:
     """Return the law of √GLR/σ at a half-width w [slots]; the arguments are those of `run_length`.
 
     S_xx = a²·2w(4w² - 1)/12 and S_xz = a·w²/2 describe how the speed moves within the window. The mean at a jump is
-    (Δ/σ)·√D with D = w/2 - S_xz²/(S_xx + W_b) (errata 3). A slope that is off by e moves it by
-    e/σ · S_xz·W_b/(S_xx + W_b)/√D; the prior takes W_b·S_xz²/(S_xx + W_b)²/D off the variance, which is 1 without it.
+    (Δ/σ)·√D with D = w/2 - S_xz²/(S_xx + W_b) (errata 3). A slope error e shifts it by
+    e/σ · S_xz·W_b/(S_xx + W_b)/√D; the prior reduces the variance, 1 without it, by W_b·S_xz²/(S_xx + W_b)²/D.
     """
     w = float(half_width)
     s_xx, s_xz = acceleration**2 * 2 * w * (4 * w * w - 1) / 12, abs(acceleration) * w * w / 2
@@ -78,10 +78,10 @@ def run_length(
 
 
 def true_run_length(half_width: int, weight: float, acceleration: float, slope_error: float = 0.0) -> float:
-    """Return the ARL [samples] at the same threshold by the law that GLR has, where f̃_v - f_v is `slope_error`.
+    """Return the ARL [samples] at the same threshold by GLR's true law, where f̃_v - f_v is `slope_error`.
 
-    A prior is one more observation, without noise: it takes variance off the statistic, which is then no χ². Where the
-    slope's prior is wrong, it moves the statistic, too; the error's sign is the worse one.
+    A prior acts as one more observation, without noise: it reduces the variance of the statistic, which is then not χ².
+    A wrong prior of the slope also shifts the statistic; the less favourable sign of the error is assumed.
     """
     law, threshold = law_of(half_width, weight, acceleration), _threshold(half_width, weight, acceleration)
     shift = law.shift * slope_error / NOISE_STD
@@ -90,7 +90,7 @@ def true_run_length(half_width: int, weight: float, acceleration: float, slope_e
 
 
 def true_missed(half_width: int, weight: float, acceleration: float, slope_error: float = 0.0) -> float:
-    """Return the probability of missing a jump of 3σ at the same threshold, by the law that GLR has."""
+    """Return the probability of missing a jump of 3σ at the same threshold, by GLR's true law."""
     law, threshold = law_of(half_width, weight, acceleration), _threshold(half_width, weight, acceleration)
     mean = JUMP_SIGMAS * np.sqrt(law.energy) - law.shift * slope_error / NOISE_STD
     return float(special.ndtr((np.sqrt(threshold) - mean) / law.std))
@@ -148,13 +148,13 @@ class RunLengths:
     half_widths
         int64 (n,), w [slots].
     accelerations
-        Steady accelerations, each a stated ω(t); the one of the paper's figures is among them.
+        Constant accelerations, each a stated ω(t); the one of the paper's figures is among them.
     by_weight
         (acceleration, W_b) → ARL over w, float64 (n,), for a jump of 3σ.
     by_jump
         Δf/σ → ARL over w, float64 (n,), with W_b = 1e-4 and the acceleration of the paper's figures.
     true
-        W_b → ARL over w by the law that the statistic has, float64 (n,), at the acceleration of the paper's figures.
+        W_b → ARL over w by the statistic's true law, float64 (n,), at the acceleration of the paper's figures.
     simulated
         (w, W_b) → the same by simulation.
     """

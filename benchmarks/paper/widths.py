@@ -40,7 +40,7 @@ Key = tuple[str, int]
 
 @dataclass(frozen=True, slots=True)
 class Tried:
-    """What the paper's method makes of one window at one w: visible jumps, found ones, false ones, rejected ones."""
+    """Result of the paper's method on one window at one w: visible jumps, found ones, false and rejected candidates."""
 
     visible: int
     found: int
@@ -73,15 +73,15 @@ class Width:
     Attributes
     ----------
     threshold, w
-        Which.
+        The threshold and w [samples].
     found
         Share of the visible jumps that have a candidate.
     false
-        False candidates a window.
+        False candidates per window.
     rejecting
         Share of the windows in which the assignment rejects a candidate.
     accuracy
-        Of the diagnosis, over random splits.
+        Accuracy of the diagnosis, over random splits.
     """
 
     threshold: str
