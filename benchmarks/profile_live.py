@@ -1,8 +1,8 @@
-"""Where the time of the live path goes, from a message's bytes to the recording: `make profile`, docs/profile.md.
+"""Time spent in each stage of the live path, from a message's bytes to the recording: `make profile`, docs/profile.md.
 
-Messages of 256 samples go through the monitor as in `rwa-monitor run`, in one thread, without a bus between. Times of
-stages are taken around their functions, and cost the stages little; the list of functions is cProfile's, which makes
-calls of Python look dearer than they are.
+Messages of 256 samples go through the monitor as in `rwa-monitor run`, in one thread, without a bus. Stages are timed
+around their functions, with little overhead; the list of functions is cProfile's, which overestimates the cost of
+Python calls.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ from rwa_monitor.telemetry.slots import FrictionSource, RingBuffer, SensorValida
 from rwa_monitor.wheel.wheel import built_in_wheel
 
 KEY = "rwa/profile/wheel_1/samples"
-# What runs within what follows from the stack of stages: each gets only its own time.
+# Nesting follows from the stack of running stages: each is charged only its own time.
 STAGES: dict[str, tuple[Any, str]] = {
     "read the message: JSON, pydantic": (SamplesMessage, "parse"),
     "lists to arrays": (SamplesMessage, "samples"),
@@ -58,7 +58,7 @@ STAGES: dict[str, tuple[Any, str]] = {
 
 
 class Stopwatch:
-    """Own time of each stage: that of its function, less that of stages inside."""
+    """Own time of each stage: that of its function, less that of nested stages."""
 
     def __init__(self) -> None:
         self.seconds = dict.fromkeys(STAGES, 0.0)
@@ -95,7 +95,7 @@ def monitor_in(folder: Path) -> Monitor:
 
 
 def run(messages: list[bytes]) -> None:
-    """Serve all messages."""
+    """Pass all messages through a monitor."""
     with tempfile.TemporaryDirectory() as folder:
         monitor = monitor_in(Path(folder))
         for payload in messages:
@@ -120,7 +120,7 @@ def stages(messages: list[bytes]) -> dict[str, float]:
 
 def functions(messages: list[bytes], count: int) -> list[list[str]]:
     """Return the functions with the most own time: name, calls, share."""
-    profile = cProfile.Profile(time.thread_time)  # by the clock, waiting for the disk would stand first
+    profile = cProfile.Profile(time.thread_time)  # by wall-clock time, waiting for the disk would come first
     profile.runcall(run, messages)
     found = pstats.Stats(profile)
     total = found.total_tt  # type: ignore[attr-defined]
@@ -132,7 +132,7 @@ def functions(messages: list[bytes], count: int) -> list[list[str]]:
 
 
 def main() -> int:
-    """Profile, put out the page, return the exit code."""
+    """Profile, write the page, return the exit code."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--windows", type=int, default=3, help="windows of 80,000 samples")
     parser.add_argument("--seed", type=int, default=8_129)

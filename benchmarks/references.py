@@ -1,7 +1,7 @@
-"""Makes the reference recordings in `replay/`: small, complete, and each with something that must happen in it.
+"""Makes the reference recordings in `replay/`: small, complete, and each with required events.
 
-The monitor itself makes them, with everything but a bus: simulated telemetry in, a recording out, under clocks that
-count messages, so that the same code gives the same bytes. `manifest.json` states what each must give when replayed.
+The monitor itself makes them, without a bus: simulated telemetry in, a recording out, under clocks that count
+messages, so that the same code gives the same bytes. `manifest.json` states the expected result of each replay.
 Renew them after a change that is meant to change diagnoses:
 
     make references            (python -m benchmarks.references replay)
@@ -39,13 +39,13 @@ from rwa_monitor.words import SOFTWARE
 
 WINDOW_SLOTS: Final = 4_000
 BATCH: Final = 200  # samples of a message
-FRICTION_STEP_Nm: Final = 1e-8  # as a telemetry word would have; far below the noise of 3.9e-5 N m
+FRICTION_STEP_Nm: Final = 1e-8  # resolution of a telemetry word; far below the noise of 3.9e-5 N m
 KEY: Final = "rwa/reference/wheel_1/samples"
 MANIFEST: Final = "manifest.json"
 
 
 def reference_wheel() -> Wheel:
-    """Return the built-in wheel with a window of 4,000 slots and all durations shortened alike."""
+    """Return the built-in wheel with a window of 4,000 slots and all durations shortened by the same factor."""
     tables = built_in_wheel().to_tables()
     scale = WINDOW_SLOTS / tables["window"]["samples"]
     tables["wheel"]["name"] = "reference"
@@ -84,17 +84,17 @@ class Reference:
     Attributes
     ----------
     name, about
-        Folder, and what it shows.
+        Folder, and description.
     scenario
-        What happens to the wheel: text of a scenario file.
+        Text of a scenario file: the events of the wheel.
     seed
-        Of the simulator.
+        Seed of the simulator.
     wheel
-        Makes the wheel.
+        Returns the wheel.
     runs
         Turns the telemetry into the messages of one or more runs of the monitor; all but the last end in a crash.
     required
-        What must be in it, by name: a test of the summary (see `summary`).
+        Required events by name, each as a test of the summary (see `summary`).
     """
 
     name: str
@@ -116,7 +116,7 @@ def _messages(samples: Samples, publisher: str, first: int = 0) -> Messages:
 
 
 def _bad_day(samples: Samples) -> list[Messages]:
-    """Return a day on which everything goes wrong that telemetry and publishers can do."""
+    """Return the messages of two runs with all kinds of faults of telemetry and publishers."""
     speed = samples.speed_rad_s.copy()
     friction = np.array(samples.friction_torque_Nm)
     speed[700:720] = np.nan  # not measured
@@ -133,7 +133,7 @@ def _bad_day(samples: Samples) -> list[Messages]:
     del first[8]  # lost for good
     first.insert(12, first[11])  # delivered twice
     first.insert(20, first.pop(14))  # delivered when its slots have passed
-    first[22:24] = [first[23], first[22]]  # overtaken, in time
+    first[22:24] = [first[23], first[22]]  # swapped, but delivered in time
     first.insert(16, (KEY, b'{"time_ns": [1, 2], "speed_rad_s": [1.0]}'))  # lengths differ
     first.insert(18, (KEY, b"\x00 no JSON"))
     intruder = _messages(samples[5_000:5_400], "intruder", 70)
@@ -232,14 +232,14 @@ def make(reference: Reference, folder: Path) -> None:
     runs = reference.runs(_as_telemetry(samples, heat=bool(options.setup.common.effect)))
     folder.mkdir(parents=True)
     ticks = count()
-    # Messages come every 25 s of the wheel's time; the machine's clocks count them.
+    # Messages come every 25 s of the wheel's time; the machine's clocks advance by 1 s per call.
     clock = Clock(wall_ns=lambda: next(ticks) * NANOSECONDS_PER_SECOND, monotonic_s=lambda: float(next(ticks)))
     for number, messages in enumerate(runs):
         _run(options, folder, messages, clock, killed=number + 1 < len(runs))
 
 
 def _as_telemetry(samples: Samples, *, heat: bool) -> Samples:
-    """Return the channels that a spacecraft sends down, in steps of its telemetry words; with `heat`, temperature."""
+    """Return the channels of a spacecraft's telemetry, rounded to its words; with `heat`, temperature too."""
     friction = samples.friction_torque_Nm
     if friction is None:
         return Samples(samples.time_ns, samples.speed_rad_s, motor_current_A=samples.motor_current_A)
@@ -278,7 +278,7 @@ def _run(options: RunOptions, folder: Path, messages: Messages, clock: Clock, *,
 
 
 def summary(folder: Path) -> dict[str, Any]:
-    """Return what a reference holds, as the manifest states it."""
+    """Return the summary of a reference, as it is in the manifest."""
     files: dict[str, str] = {}
     diagnoses: list[Diagnosis] = []
     statuses: list[Status] = []
@@ -308,12 +308,12 @@ def summary(folder: Path) -> dict[str, Any]:
 
 
 def missing(reference: Reference, seen: dict[str, Any]) -> list[str]:
-    """Return which of the things that must have happened in a reference did not."""
+    """Return the required events that did not happen in a reference."""
     return [what for what, happened in reference.required.items() if not happened(seen)]
 
 
 def renew(folder: Path) -> Iterator[tuple[Reference, dict[str, Any]]]:
-    """Make all references and their manifest anew; yield each with its summary."""
+    """Make all references and their manifest again; yield each with its summary."""
     manifest: dict[str, Any] = {"software": SOFTWARE, "recordings": {}}
     for reference in REFERENCES:
         target = folder / reference.name
@@ -327,7 +327,7 @@ def renew(folder: Path) -> Iterator[tuple[Reference, dict[str, Any]]]:
 
 
 def main(arguments: Sequence[str]) -> int:
-    """Renew the references in a folder (`replay` by default); exit code 1 if something did not happen in one."""
+    """Renew the references in a folder (`replay` by default); exit code 1 if a required event is missing."""
     failed = False
     for reference, seen in renew(Path(arguments[0]) if arguments else Path("replay")):
         absent = missing(reference, seen)

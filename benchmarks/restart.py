@@ -1,9 +1,9 @@
-"""What it takes to kill the monitor of a fleet of full windows, and to start it again: `python -m benchmarks.restart`.
+"""Times and memory of restarting a killed monitor of a fleet with full windows: `python -m benchmarks.restart`.
 
 A fleet of wheels fills windows of 80,000 slots as fast as one `rwa-monitor run` takes them, over TCP on loopback. When
-they are nearly full the monitor is ended by SIGKILL, and in the next window by SIGTERM; the fleet goes on meanwhile,
-and a new monitor goes on from the recordings. Reported are the time until it monitors, its largest memory, the longest
-time in which it logged nothing, and whether all windows are what `diagnose` prints for the same samples.
+they are nearly full the monitor is ended by SIGKILL, and in the next window by SIGTERM; the fleet continues to send,
+and a new monitor continues from the recordings. Reported are the time until it monitors, its peak memory, the longest
+time without a line of log, and whether all diagnoses equal those of `diagnose` for the same samples.
 """
 
 from __future__ import annotations
@@ -42,9 +42,9 @@ from rwa_monitor.wheel.wheel import built_in_wheel
 
 BATCH: Final = 256  # samples of a message
 SLOTS: Final = 80_000  # of a window
-FULL: Final = 0.95  # of a window, when the monitor is ended
-OUTAGE_MESSAGES: Final = 4  # that each wheel sends while no monitor is there: two minutes at 8 Hz
-AHEAD: Final = 8  # messages of each wheel that are sent before the monitor has reported that it has taken them
+FULL: Final = 0.95  # share of a window filled when the monitor is ended
+OUTAGE_MESSAGES: Final = 4  # messages that each wheel sends while no monitor runs: two minutes at 8 Hz
+AHEAD: Final = 8  # messages of each wheel that are sent before the monitor has acknowledged them in its status
 HISTORY: Final = 64  # messages that each publisher keeps
 WINDOWS: Final = 2
 SEED: Final = 50_001
@@ -52,13 +52,13 @@ PATIENCE_S: Final = 600.0
 
 
 def telemetry() -> Samples:
-    """Return what every wheel sends: two windows and a little more."""
+    """Return the telemetry that every wheel sends: slightly more than two windows."""
     seconds = (WINDOWS * SLOTS + 4 * BATCH) * 0.125
     return simulate(Scenario(duration_s=seconds), built_in_wheel(), np.random.default_rng(SEED)).samples
 
 
 def fleet_process(endpoint: str, wheels: int, orders: Connection) -> None:
-    """Publish messages [first, stop) of all wheels for each order received; answer when they were taken off."""
+    """Publish messages [first, stop) of all wheels for each order received; reply when they are published."""
     samples = telemetry()
     with open_session(BusOptions(listen=(endpoint,))) as session:
         publishers = [messages_publisher(session, f"rwa/fleet/wheel_{n}/samples", HISTORY) for n in range(wheels)]
@@ -75,16 +75,16 @@ def fleet_process(endpoint: str, wheels: int, orders: Connection) -> None:
 
 @dataclass
 class Received:
-    """What the monitors published: samples taken of each wheel, and the diagnoses of each."""
+    """Output of the monitors: number of samples taken and the diagnoses, of each wheel."""
 
     taken: dict[str, int] = field(default_factory=dict)
     diagnoses: dict[str, set[bytes]] = field(default_factory=dict)
 
     def take(self, message: zenoh.Sample) -> None:
-        """Take a status or a diagnosis."""
+        """Store a status or a diagnosis."""
         key, payload = str(message.key_expr), message.payload.to_bytes()
         if key.endswith("/status"):
-            status = json.loads(payload)  # after a start publishers repeat what they have kept
+            status = json.loads(payload)  # net of repeats: after a start publishers resend the messages that they keep
             self.taken[key] = status["samples_received"] - status["samples_duplicate"] - status["samples_queued"]
         else:
             self.diagnoses.setdefault(key, set()).add(payload)
@@ -105,7 +105,7 @@ class Start:
 
 
 class Monitor:
-    """A `rwa-monitor run`, what it logs and when."""
+    """A `rwa-monitor run` with its log lines and their times."""
 
     def __init__(self, endpoint: str, folder: Path, what: str) -> None:
         self.start = Start(what)
@@ -133,11 +133,11 @@ class Monitor:
                 self.monitoring.set()
 
     def peak_MB(self) -> float:
-        """Return the most memory that it has had resident."""
+        """Return its peak resident memory."""
         return peak_memory_bytes(self.process.pid) / 1e6
 
     def wait_until(self, done: Callable[[], bool], what: str) -> float:
-        """Wait, and return how long after the start it was so."""
+        """Wait until a condition holds; return the time since the start [s]."""
         while not done():
             if self.process.poll() is not None:
                 raise RuntimeError(f"the monitor ended with {self.process.returncode} before {what}")
@@ -147,7 +147,7 @@ class Monitor:
         return time.monotonic() - self.began_s
 
     def end(self, how: signal.Signals) -> None:
-        """End it."""
+        """End the process by a signal."""
         self.start.peak_later_MB = self.peak_MB()
         began_s = time.monotonic()
         self.process.send_signal(how)
@@ -156,7 +156,7 @@ class Monitor:
 
 
 def expected_windows() -> list[Diagnosis]:
-    """Return what `diagnose` prints for the full windows."""
+    """Return the diagnoses that `diagnose` prints for the full windows."""
     events = diagnose_samples(telemetry(), built_in_wheel(), built_in_model())
     whole = [event for event in events if not event.diagnosis.partial]
     return [
@@ -167,7 +167,7 @@ def expected_windows() -> list[Diagnosis]:
 
 
 def measure(wheels: int, folder: Path) -> tuple[list[Start], int, int]:
-    """Return the starts, the windows that were expected of all wheels, and those that came as expected."""
+    """Return the starts, the number of expected windows of all wheels, and the number received exactly as expected."""
     endpoint = free_endpoint()
     context = get_context("spawn")
     orders, fleets_end = context.Pipe()
@@ -177,7 +177,7 @@ def measure(wheels: int, folder: Path) -> tuple[list[Start], int, int]:
     received, starts, sent = Received(), [], 0
 
     def send(stop: int, monitor: Monitor | None = None) -> None:
-        """Let all wheels send up to message `stop`; with a monitor no faster than it takes them."""
+        """Let all wheels send up to message `stop`; with a monitor, no faster than it takes the messages."""
         nonlocal sent
         while sent < stop:
             following = min(sent + AHEAD, stop)
@@ -226,7 +226,7 @@ def _as_of(window: Diagnosis, wheel: str) -> bytes:
 
 
 def to_markdown(wheels: int, starts: list[Start], expected: int, right: int, beside_cores: float) -> str:
-    """Return what was measured as a page."""
+    """Return the page with the measured figures."""
     rows = [
         [
             start.what,
@@ -278,7 +278,7 @@ no further one while more than 128 MB of answers lie here, so that a fleet's his
 
 
 def main() -> None:
-    """Measure, and put out the page."""
+    """Measure, and write the page."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--wheels", type=int, default=400)
     add_output_option(parser)

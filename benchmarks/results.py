@@ -1,10 +1,10 @@
-"""Which pages show results, the target that makes each anew, and which are older than what they measure.
+"""Lists the result pages, the make target that renews each, and which are older than the code that they measure.
 
     python -m benchmarks.results [--targets]
 
 Prints a table of the pages; with `--targets` the make targets alone, as `make results` runs them. A page ends with the
-commit that it was made at. Later commits to the code of what it measures make it old, but for those of
-`unchanged.toml`; comments and docstrings are none of it.
+commit that it was made at. Later commits that change the code it measures make it outdated, except those listed in
+`unchanged.toml`; comments and docstrings do not count as code.
 """
 
 from __future__ import annotations
@@ -33,14 +33,14 @@ class ResultPage:
     Attributes
     ----------
     name
-        Of the file in docs/, without its suffix.
+        Name of the file in docs/, without its suffix.
     target
-        The make target that makes it anew.
+        The make target that renews it.
     measures
         Paths below the root that its figures follow from, its own benchmark included.
     timed
-        Whether its figures are times or counts of a machine: they differ between two runs, so that it is never wrong by
-        a change of bytes, only old.
+        Whether its figures are times or counts of a machine: they differ between two runs, so that a change of the page
+        does not make it wrong, only outdated.
     """
 
     name: str
@@ -54,7 +54,7 @@ class ResultPage:
         return found[-1] if found else None
 
     def later_commits(self) -> list[str]:
-        """Return the commits since that change what it measures and are not of `unchanged.toml`, newest first.
+        """Return the later commits that change the code it measures and are not in `unchanged.toml`, newest first.
 
         Raises
         ------
@@ -110,7 +110,7 @@ def _commits(commits: str, *paths: str) -> list[str]:
 
 
 def _changes_code(commit: str, paths: tuple[str, ...]) -> bool:
-    """Return whether a commit changes more below these paths than comments, docstrings and layout of Python files."""
+    """Return whether a commit changes anything below these paths but comments, docstrings and Python layout."""
     changed = _git("diff-tree", "-r", "--no-commit-id", "--no-renames", "--name-status", commit, "--", *paths)
     for line in changed.splitlines():
         status, name = line.split("\t")

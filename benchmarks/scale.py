@@ -1,6 +1,6 @@
-"""Satellites by the thousand, on paper: `make scale` works docs/scale.md out from docs/speed.json.
+"""Estimate of the resources for thousands of satellites: `make scale` computes docs/scale.md from docs/speed.json.
 
-What is measured comes from the speed benchmark's results; what is assumed stands in `Assumptions` and on the page.
+Measured figures come from the speed benchmark's results; assumptions are in `Assumptions` and on the page.
 """
 
 from __future__ import annotations
@@ -23,16 +23,16 @@ MONTH_S = 30.4 * DAY_S
 
 @dataclass(frozen=True)
 class Assumptions:
-    """What is not measured here."""
+    """Quantities that are not measured here."""
 
-    wheels: int = 4  # of a satellite: three and a spare
+    wheels: int = 4  # per satellite: three and a spare
     rate_Hz: float = 8.0
     message_bytes: float = 15_000.0  # JSON of a message of 256 samples with time, speed and friction (facts of the bus)
-    recorded_share: float = 0.35  # of it that is left in the recording after zstd: random digits compress by no more
-    headroom: float = 0.5  # share of a core that is planned for; the rest is for catching up after an outage
+    recorded_share: float = 0.35  # of it that remains in the recording after zstd: random digits compress no further
+    headroom: float = 0.5  # planned load of a core; the rest is for catching up after an outage
     window_slots: int = 80_000
-    core_GB: float = 4.0  # memory that comes with a rented core
-    core_month: float = 25.0  # EUR a month for it
+    core_GB: float = 4.0  # memory included with a rented core
+    core_month: float = 25.0  # EUR a month for the core
     gigabyte_month: float = 0.02  # EUR a month for a gigabyte in an object store
     kept_months: float = 12.0
     router_messages_s: float = 200_000.0  # of 1 kB from one process to another on a loopback (facts of the bus)
@@ -40,7 +40,7 @@ class Assumptions:
 
 @dataclass(frozen=True)
 class Costs:
-    """What is measured: seconds of processor time and bytes."""
+    """Measured costs: seconds of processor time and bytes."""
 
     sample_s: float
     pipe_samples_s: float
@@ -174,7 +174,7 @@ def _bytes(count: float) -> str:
 
 
 def main() -> int:
-    """Work the page out, put it out, return the exit code."""
+    """Compute and write the page, return the exit code."""
     parser = argparse.ArgumentParser(description=__doc__)
     add_output_option(parser)
     parser.add_argument("--speed", type=Path, default=DOCS / "speed.json", help="results of the speed benchmark")

@@ -1,10 +1,10 @@
 """Ten minutes at 100,000 samples a second into one `rwa-monitor run`, over TCP: `make soak`; writes docs/soak.md.
 
-Publishers in a process of their own send as fast as is asked, reliably: one that cannot keep up is slowed down, and
-that is reported. Memory, lag and losses are those of the monitor's own `status` and the system.
+Publishers in a separate process send reliably at the given rate: if the monitor cannot keep up, they are slowed down,
+which is reported. Memory, lag and losses are those of the monitor's own `status` and of the system.
 
-What the monitor keeps for late subscribers fills with the windows that were closed, of which these minutes have few. So
-a second monitor gets short windows: what it keeps is full after half of its time, and then its memory stays.
+The monitor's buffer for late subscribers fills with closed windows, of which these minutes have few. So a second
+monitor gets short windows: its buffer is full after half of its time, and from then on its memory must stay constant.
 """
 
 from __future__ import annotations
@@ -38,19 +38,19 @@ from rwa_monitor.wheel.wheel import Wheel, built_in_wheel
 
 BATCH = 256  # samples of a message
 PERIOD_NS = 125_000_000
-SLOTS = 80_000  # of the record that each wheel repeats over and over, and of a window unless stated otherwise
+SLOTS = 80_000  # of the record that each wheel repeats, and of a window unless stated otherwise
 SHORT_SLOTS = 2_000  # of a window of the second monitor
 SHORT_WHEELS = 20
-SHORT_SHARE = 0.3  # of the rate: as much diagnosis as one core can do
+SHORT_SHARE = 0.3  # of the rate: about as many diagnoses as one core can do
 SHORT_TIME = 0.4  # of the time
 READING_S = 5.0
-LEAST_S = 60.0  # the shorter run has four readings then: two to settle, and two for a slope
+LEAST_S = 60.0  # then the shorter run has four readings: two to settle, and two for a slope
 GIVE_UP_S = 60.0
 
 
 @dataclass(frozen=True)
 class Case:
-    """What one monitor gets: wheels, samples per second of all of them together, for how long, in windows of what."""
+    """Load of one monitor: wheels, samples per second of all wheels together, duration [s], slots of a window."""
 
     wheels: int
     rate: float
@@ -59,7 +59,7 @@ class Case:
 
     @property
     def wheel(self) -> Wheel:
-        """The built-in wheel with these windows."""
+        """The built-in wheel with windows of this length."""
         built_in = built_in_wheel()
         window = built_in.window.model_copy(update={"samples": self.window, "hop": self.window})
         return built_in.model_copy(update={"window": window})
@@ -67,13 +67,13 @@ class Case:
 
 @dataclass
 class Received:
-    """What the monitor published: the last status of each wheel, and sizes of what it keeps for late subscribers."""
+    """Output of the monitor: the last status of each wheel, and sizes of messages kept for late subscribers."""
 
     status: dict[str, dict[str, Any]] = field(default_factory=dict)
     kept: dict[str, deque[int]] = field(default_factory=lambda: defaultdict(lambda: deque(maxlen=OUTPUT_HISTORY)))
 
     def take(self, key: str, payload: bytes) -> None:
-        """Take a message of the monitor."""
+        """Store a message of the monitor."""
         kind = key.rsplit("/", 1)[1]
         if kind == "status":
             self.status[key] = json.loads(payload)
@@ -81,7 +81,7 @@ class Received:
             self.kept[key].append(len(payload))
 
     def kept_MB(self) -> tuple[float, float]:
-        """Return how much the monitor keeps of what was received, and how much it would when full of the like."""
+        """Return the size of the messages that the monitor keeps, and the expected size once its buffers are full."""
         sizes = [list(of_key) for of_key in list(self.kept.values())]
         full = sum(OUTPUT_HISTORY * float(np.mean(of_key)) for of_key in sizes)
         return sum(map(sum, sizes)) / 1e6, full / 1e6
@@ -89,7 +89,7 @@ class Received:
 
 @dataclass
 class Reading:
-    """One look at the monitor."""
+    """One reading of the monitor's state."""
 
     at_s: float
     resident_MB: float
@@ -121,20 +121,20 @@ def publisher_process(endpoint: str, wheels: int, rate: float, duration_s: float
             if ahead_s > 0:
                 Event().wait(ahead_s)
             for wheel, publisher in enumerate(publishers):
-                # Each wheel is at another place of the record, so that neighbours in a recording differ.
+                # Each wheel is at a different place of the record, so that adjacent messages in a recording differ.
                 turn, place = divmod(number + 13 * wheel, len(parts))
                 part = parts[place]
                 shift_ns = turn * SLOTS * PERIOD_NS
                 publisher.put(Samples(part.time_ns + shift_ns, part.speed_rad_s, part.friction_torque_Nm))
                 sent.value += len(part)
             number += 1
-        done.wait()  # until all of it has arrived, or nothing comes any more
+        done.wait()  # until everything has arrived, or nothing more arrives
         for publisher in publishers:
             publisher.close()
 
 
 def main() -> int:
-    """Soak both monitors, put out the page, return the exit code."""
+    """Soak both monitors, write the page, return the exit code."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--seconds", type=float, default=600.0)
     parser.add_argument("--rate", type=float, default=100_000.0, help="samples per second, all wheels together")
@@ -158,7 +158,7 @@ def main() -> int:
 
 
 def _soak(case: Case, folder: Path) -> tuple[list[Reading], int]:
-    """Return the readings while a monitor got samples and until it had taken them all, and its exit code."""
+    """Run a monitor under load until it has taken all samples; return the readings and its exit code."""
     endpoint = free_endpoint()
     (folder / "wheel.toml").write_text(case.wheel.to_toml())
     command = [sys.executable, "-m", "rwa_monitor", "run", "-l", endpoint, "--record", str(folder / "recordings")]
@@ -196,10 +196,10 @@ def _soak(case: Case, folder: Path) -> tuple[list[Reading], int]:
 
 
 def _at_rest(readings: list[Reading]) -> bool:
-    """Return whether all has arrived, or nothing has for a minute."""
+    """Return whether everything has arrived, or nothing for a minute."""
     last = readings[-1]
     before = [reading for reading in readings if reading.at_s < last.at_s - GIVE_UP_S]
-    # Publishers begin later than the clock here: they are at their end when they have sent no more since the last look.
+    # Publishers start later than this clock: they have finished when nothing was sent since the previous reading.
     return last.received == last.sent == readings[-2].sent or bool(before and before[-1].received == last.received)
 
 
@@ -222,12 +222,12 @@ def _reading(pid: int, sent: int, received: Received, folder: Path, begin_s: flo
 
 
 def _slope(readings: list[Reading]) -> float:
-    """Return how resident memory rose, by least squares [MB/min]."""
+    """Return the growth rate of resident memory, by least squares [MB/min]."""
     return float(np.polyfit([r.at_s for r in readings], [r.resident_MB for r in readings], 1)[0]) * 60.0
 
 
 def _figures(case: Case, readings: list[Reading], status: int) -> dict[str, str]:
-    """Return the figures of one monitor, by what they are called."""
+    """Return the figures of one monitor, by name."""
     flowing = [reading for reading in readings if 0.0 < reading.at_s < case.seconds]
     quarter = max(2, len(flowing) // 4)
     settled, latest = flowing[quarter:], flowing[-quarter:]

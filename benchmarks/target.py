@@ -1,4 +1,4 @@
-"""What a benchmark is to reach: figures held against bounds, the table of them, and the exit code."""
+"""Targets of benchmarks: figures compared with bounds, their table, and the exit code."""
 
 from __future__ import annotations
 
@@ -12,18 +12,18 @@ from benchmarks.page import NONE, table
 
 @dataclass(frozen=True, slots=True)
 class Target:
-    """One figure that is to be reached.
+    """One target: a figure and its bound.
 
     Attributes
     ----------
     name
         What is measured.
     reached, bound
-        The figure, and what it may be at most or must be at least; NaN where it could not be measured.
+        The figure, NaN where it could not be measured, and its upper or lower bound.
     least
         Whether the bound is a lower one.
     absolute
-        The figures behind it, in words; may be empty.
+        The underlying absolute figures, as text; may be empty.
     """
 
     name: str
@@ -51,7 +51,7 @@ def at_most(name: str, reached: float, bound: float, absolute: str = "") -> Targ
 
 
 def target_table(targets: Sequence[Target], wanted: str = ".3f", reached: str = ".4f") -> str:
-    """Return the table of targets, bounds and figures in these formats; the figures behind them where there are any."""
+    """Return the table of targets, bounds and figures in these formats, with the underlying figures where given."""
     header = ["what", "wanted", "reached", "met", "figures"]
     rows = [
         [

@@ -1,9 +1,9 @@
-"""Trends over windows, measured on whole lives of wheels of the recipe `fleet`: `make benchmark-trend`.
+"""Accuracy of trends over windows, on simulated lives of wheels of the recipe `fleet`: `make benchmark-trend`.
 
     python -m benchmarks.trend [--wheels N] [--seed N] [--workers N] [-o FILE]
 
 Each wheel lives for 24 windows, in which one anomaly, or none, begins at a random time and grows to the end. Every
-window is diagnosed with the state that the ones before it left, and after each the trend is looked for anew, as a
+window is diagnosed with the state carried over from earlier ones, and after each the trend is estimated again, as a
 monitor does.
 """
 
@@ -26,8 +26,8 @@ from rwa_monitor.samples import FloatArray
 from rwa_monitor.simulation.datasets import FLEET_WINDOWS, LabelledWindow, generate
 
 COEFFICIENTS = ("dry", "viscous")
-SHARE = 0.9  # of the final growth: the limit whose time is foretold
-LOOKS = (12, 16, 20)  # windows after which the foretold times are judged
+SHARE = 0.9  # of the final growth: the limit whose crossing time is predicted
+LOOKS = (12, 16, 20)  # numbers of windows after which the predictions are judged
 
 
 @dataclass(frozen=True)
@@ -46,7 +46,7 @@ class Life:
 
 @dataclass(frozen=True)
 class Foretold:
-    """One interval: whether it held the truth, its width, and how far ahead the limit was, in windows."""
+    """One predicted interval: whether it covers the true time, its width and the time to the limit [windows]."""
 
     held: bool
     width: float
@@ -75,14 +75,14 @@ def live(windows: list[LabelledWindow]) -> Life:
 
 
 def lives(wheels: int, seed: int) -> Iterator[list[LabelledWindow]]:
-    """Give the windows of one wheel after the other."""
+    """Yield the windows of one wheel after the other."""
     windows = generate("fleet", wheels * FLEET_WINDOWS, seed)
     while life := list(islice(windows, FLEET_WINDOWS)):
         yield life
 
 
 def judge(life: Life, coefficient: str) -> tuple[int | None, dict[int, Foretold], Foretold | None]:
-    """Return the window of the first announcement, what was foretold at `LOOKS`, and at the first announcement."""
+    """Return the number of windows at the first detected trend, the predictions by that number, and the first one's."""
     middle_s = (np.arange(FLEET_WINDOWS, dtype=np.float64) + 0.5) * life.window_s
     grows = life.anomaly == coefficient
     limit = life.healthy[coefficient] * (1.0 + SHARE * (life.factor - 1.0)) if grows else np.inf
@@ -153,7 +153,7 @@ def to_markdown(found: list[Life], command: str) -> str:
 
 
 def main() -> None:
-    """Follow the lives and write the page."""
+    """Diagnose all lives and write the page."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--wheels", type=int, default=60)
     parser.add_argument("--seed", type=int, default=7_301)

@@ -1,4 +1,4 @@
-"""One simulated window on its slots, with what detectors of other packages are given of it."""
+"""One simulated window on its slots, with the input of detectors of other packages."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from rwa_monitor.wheel.wheel import Wheel
 
 @dataclass(frozen=True, slots=True)
 class Window:
-    """One window on its slots, with what peers are given of it.
+    """One window on its slots, with the true values that peers are given.
 
     Attributes
     ----------
@@ -27,7 +27,7 @@ class Window:
     noise_std
         Standard deviation of the noise, normalised.
     slope
-        True viscous coefficient, normalised: peers cannot find it by themselves.
+        True viscous coefficient, normalised: peers cannot estimate it.
     """
 
     wheel: Wheel
@@ -61,7 +61,7 @@ class Window:
 
     @property
     def noise(self) -> NoiseEstimate:
-        """The window's noise as if it was white."""
+        """The window's noise, assumed white."""
         return NoiseEstimate(self.noise_std, np.array([self.noise_std**2]), long_run_factor=1.0)
 
     def evidence(self) -> Evidence:
@@ -71,7 +71,7 @@ class Window:
         return accumulator.close()
 
     def series(self) -> FloatArray:
-        """Return what peers search: friction less viscous friction, over the noise; the dead band left out."""
+        """Return the input of peers: friction less viscous friction, over the noise, outside the dead band."""
         return np.ascontiguousarray((self.z - self.slope * self.x)[self.moving] / self.noise_std)
 
 
