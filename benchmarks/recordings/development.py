@@ -54,9 +54,9 @@ def emps(source: str, out: Path) -> None:
 
 
 def flywheel(source: str, out: Path) -> None:
-    """Flywheel running down.
+    """Flywheel coasting down.
 
-    means over 1 s of rpm at 50 Hz; friction = −J dω/dt by central differences of the means.
+    Means over 1 s of rpm at 50 Hz; friction = −J dω/dt by central differences of the means.
     """
     inertia, per = 0.8489, 50
     for file in (
@@ -70,7 +70,7 @@ def flywheel(source: str, out: Path) -> None:
         glitch = np.flatnonzero((rpm[1:-1] == 0) & (rpm[:-2] > 0) & (rpm[2:] > 0)) + 1
         rpm[glitch] = rpm[glitch - 1]
         smooth = np.convolve(rpm, np.ones(per) / per, "same")
-        first = int(smooth.argmax()) + 5 * per  # five seconds after the motor lets go
+        first = int(smooth.argmax()) + 5 * per  # five seconds after the motor is switched off
         slow = np.flatnonzero(smooth[first:] < 10.0)
         last = first + (int(slow[0]) if slow.size else rpm.size - first) - 5 * per  # and five before it stands
         count = (last - first) // per
@@ -97,12 +97,12 @@ def flywheel(source: str, out: Path) -> None:
 
 
 def track(events: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Times and counts of whole turns.
+    """Return times and counts of whole turns of the drum.
 
-    the event next to where the last turns predict it; all others are phantoms.
+    A turn ends at the event nearest to the prediction from the last turns; all other events are ignored.
 
-    Both sensors saw both magnets: the events of drum and wheel are mixed. From each place where five periods follow
-    each other, each a little longer, a chain is followed; the one with most turns below 42 rad/s is the drum.
+    Both sensors saw both magnets: the events of drum and wheel are mixed. A chain is followed from each place with four
+    periods in a row, each within −0.2 to +2 % of the one before; the one with most turns below 42 rad/s is the drum.
     """
     events = np.unique(events)
     gaps = np.diff(events)
@@ -145,7 +145,7 @@ def chain(events: np.ndarray, first: int, last: float) -> tuple[np.ndarray, np.n
 
 
 def coast(events: np.ndarray, out: Path, name: str, inertia: float, turns: int = 4) -> None:
-    """ω is that of the turn, at its middle.
+    """Write a coast-down: ω is the mean over a turn, at the turn's middle.
 
     For the friction table dω/dt is the slope of a parabola over 2·turns + 1 rows.
     """
@@ -178,9 +178,9 @@ def coast(events: np.ndarray, out: Path, name: str, inertia: float, turns: int =
 
 
 def drum(source: str, out: Path) -> None:
-    """Drum running down in air.
+    """Drum coasting down in air.
 
-    one row a turn, J = 10 (arbitrary); the columns are μs, drum rate, turns, wheel rate, turns.
+    One row per turn, J = 10 (arbitrary); the columns are μs, drum rate, turns, wheel rate, turns.
     """
     for path in git_list(source, "analysis/data/aero"):
         found = re.search(r"([^/]+) - Separate - (Left|Right) - (\d+) psi\.csv", path)
@@ -201,7 +201,7 @@ WANTED = {
 
 
 def tx40(source: str, out: Path) -> None:
-    """Six joints of a robot, as they are."""
+    """Six joints of a robot, unchanged."""
     for joint in range(1, 7):
         text = (Path(source) / f"joint{joint}.csv").read_text()
         out.mkdir(parents=True, exist_ok=True)

@@ -1,4 +1,4 @@
-"""Searches the validation recordings and holds the answers against what was written down before any search was run.
+"""Searches the validation recordings and compares the answers with expectations written down before any search was run.
 
 `python -m benchmarks.recordings.judge FOLDER` prints a Markdown table; FOLDER holds what `validation` converted, with
 `FOLDER second` what `second_validation` did, and so on up to `FOLDER twentieth`. An answer is right where it names,

@@ -1,1 +1,1 @@
-"""The speed benchmark: ours, peers and limits side by side in one run, so that ratios mean something."""
+"""The speed benchmark: this package, peers and lower limits timed in one run, so that ratios are meaningful."""

@@ -1,9 +1,9 @@
-"""How fast, beside peers and limits, in one run: `make benchmark-speed`.
+"""Speed of this package compared with peers and lower limits, in one run: `make benchmark-speed`.
 
     python -m benchmarks.speed [--windows N] [--seed N] [--json FILE] [--from FILE] [-o FILE]
 
-Takes about eight minutes with all peers, which are optional packages (skchange, ruptures, river): what is not installed
-is left out, and stderr names it. Prints the page; exit code 1 where a target is missed.
+Takes about eight minutes with all peers, which are optional packages (skchange, ruptures, river): missing ones are left
+out and named on stderr. Prints the page; exit code 1 where a target is missed.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from benchmarks.target import exit_code
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Measure, or read what was measured; write the page and return the exit code."""
+    """Measure, or read earlier results; write the page and return the exit code."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--windows", type=int, default=WINDOWS, help="how many windows (default %(default)s)")
     parser.add_argument("--seed", type=int, default=SEED, help="of the windows (default %(default)s)")

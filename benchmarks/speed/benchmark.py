@@ -1,4 +1,4 @@
-"""Runs the parts of the speed benchmark one after the other and holds them against the targets."""
+"""Runs the parts of the speed benchmark one after the other and compares them with the targets."""
 
 from __future__ import annotations
 
@@ -31,9 +31,9 @@ SEED: Final = 8_129
 RECIPE: Final = "paper"
 HELP_RUNS: Final = 7
 LENGTHS: Final = (1_000, 10_000, 100_000, 1_000_000, 10_000_000)  # samples
-STREAM_WINDOWS: Final = 8  # of one simulated wheel, after which the stream of samples begins again
+STREAM_WINDOWS: Final = 8  # of one simulated wheel, after which the stream of samples repeats
 FIRST_LENGTH: Final = 100_000
-FLAT: Final = 2.0  # most over least that still counts as flat: a long run also diagnoses
+FLAT: Final = 2.0  # largest ratio of costs per sample that counts as constant: a long run also diagnoses
 STEP_SAMPLES: Final = 80_000
 PIPE_MESSAGES: Final = 4_000
 PIPE_ROUNDS: Final = 3
@@ -52,7 +52,7 @@ def run(windows: int = WINDOWS, seed: int = SEED) -> SpeedReport:
     windows
         Windows of recipe `paper` that are diagnosed.
     seed
-        Of these, and of the hard window.
+        Seed of these windows, and of the hard window.
     """
     machine = describe_machine()
     missing: list[str] = []
@@ -76,7 +76,7 @@ def run(windows: int = WINDOWS, seed: int = SEED) -> SpeedReport:
 
 
 def detection_section(laps: list[Lap]) -> Section:
-    """Hold the kernels against limits and peers."""
+    """Compare the kernels with limits and peers."""
     median = {lap.name: lap.median_s for lap in laps}
     one, seven = median[detection.OURS_ONE], median[detection.OURS_SEVEN]
     plain, limit = median[detection.PLAIN], median[detection.LIMIT]
@@ -102,7 +102,7 @@ def detection_section(laps: list[Lap]) -> Section:
 
 
 def window_section(times: WindowTimes, hard: HardWindow) -> Section:
-    """Hold whole windows against the plain method and the fastest peer."""
+    """Compare whole windows with the plain method and the fastest peer."""
     median = float(np.median(times.close))
     tail = float(np.percentile(times.close, 99))
     allowed = 0.25 * float(np.median(times.kernel)) + 0.003
@@ -161,10 +161,10 @@ def window_section(times: WindowTimes, hard: HardWindow) -> Section:
 
 
 def step_section(laps: list[Lap], cost: dict[int, float]) -> Section:
-    """Hold the incremental step against the same work at once, and its cost against the number of samples."""
+    """Compare the incremental step with the same work at once, and its cost over the number of samples."""
     median = {lap.name: lap.median_s for lap in laps}
     step, at_once = median[live.STEP_BATCH], median[live.STEP_AT_ONCE]
-    # The first window learns more than it works, and holds no close; from 100,000 samples on both are in the mean.
+    # The first window mostly learns and contains no close; from 100,000 samples on the mean includes both.
     long = [seconds for length, seconds in cost.items() if length >= FIRST_LENGTH]
     return Section(
         title=f"The incremental step, batches of {live.BATCH}",
@@ -196,8 +196,8 @@ def step_section(laps: list[Lap], cost: dict[int, float]) -> Section:
 
 
 def pipe_section(bare: list[live.PipeRate], ours: list[live.PipeRate]) -> Section:
-    """Hold the way from the bus to the recording against a pipe that computes nothing."""
-    # The best of each: only others' work on the machine makes a run slower.
+    """Compare the path from the bus to the recording with a pipe that computes nothing."""
+    # The best of each: a run is slower only by other load on the machine.
     rates = [max(one.rate for one in found) for found in (bare, ours)]
     by_the_clock = [max(one.recorded / one.seconds for one in found) for found in (bare, ours)]
     lost = sum(one.sent - one.recorded for one in (*bare, *ours))
@@ -238,7 +238,7 @@ def pipe_section(bare: list[live.PipeRate], ours: list[live.PipeRate]) -> Sectio
 
 
 def memory_section(found: list[live.Memory | None]) -> Section:
-    """Hold the memory of a wheel against the targets."""
+    """Compare the memory of a wheel with the targets."""
     measured = [one for one in found if one is not None]
     by_channels = {every: [one for one in measured if one.all_channels is every] for every in (False, True)}
     targets = []
@@ -282,7 +282,7 @@ def memory_section(found: list[live.Memory | None]) -> Section:
 
 
 def help_section() -> Section:
-    """Time `--help` in processes of their own, and look what it imports."""
+    """Time `--help` in separate processes, and list the heavy packages that it imports."""
     seconds, busy_s = [], []
     for _ in range(HELP_RUNS):
         begin, before = time.perf_counter(), resource.getrusage(resource.RUSAGE_CHILDREN)
@@ -314,7 +314,7 @@ def help_section() -> Section:
 
 
 def imported_at_help() -> list[str]:
-    """Return which of the heavy packages are imported when the help is shown, in a process of its own."""
+    """Return which of the heavy packages are imported when the help is shown, in a separate process."""
     code = (
         "import sys\n"
         "from rwa_monitor.cli.main import main\n"

@@ -1,4 +1,4 @@
-"""Changepoint detection on one window of 80,000 samples: our kernels, the limit below them, the peers beside them."""
+"""Changepoint detection on one window of 80,000 samples: our kernels, a lower limit of their time, and peers."""
 
 from __future__ import annotations
 
@@ -31,14 +31,14 @@ PLAIN: Final = f"plain numpy wGLR, one scale w = {ONE_SCALE}"
 
 
 def detection_laps(window: Window, peers: list[Peer]) -> list[Lap]:
-    """Time everything in turns.
+    """Time all detectors in turns.
 
     Parameters
     ----------
     window
-        All good, as recipe `paper` gives it.
+        A window without bad slots, as recipe `paper` gives it.
     peers
-        Those that are installed.
+        The installed peers.
     """
     x, z, used, series = window.x, window.z, window.good, window.series()
     sums, plain = five_sums(x, z), Signal(x, z, used)
@@ -57,7 +57,7 @@ def detection_laps(window: Window, peers: list[Peer]) -> list[Lap]:
 
 
 def five_sums(x: FloatArray, z: FloatArray) -> Callable[[], object]:
-    """Return what computes the five running sums of x and z, compiled with the kernels' flags."""
+    """Return a function that computes the five running sums of x and z, compiled with the kernels' flags."""
     with tempfile.TemporaryDirectory() as folder:
         library = Path(folder) / "five_sums.so"
         flags = ("-O3", "-ffp-contract=off", "-fno-math-errno", "-fno-trapping-math", "-fPIC", "-shared")
@@ -84,7 +84,7 @@ def seven_scales(window: Window) -> Callable[[], object]:
     x, z, used = window.x, window.z, window.good
 
     def run() -> object:
-        """Scan the whole window afresh."""
+        """Scan the whole window from the start."""
         detector = Detector(scales)
         detector.scan(x, z, used, 0, x.size, True, settings)
         return detector

@@ -1,4 +1,4 @@
-"""The live monitor measured: its incremental step, the way from the bus to the recording, and its memory."""
+"""Measures the live monitor: its incremental step, the path from the bus to the recording, and its memory."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ from rwa_monitor.wheel.wheel import Wheel, built_in_wheel
 
 BATCH: Final = 256  # samples of a message
 LONGEST_REPEATED: Final = 10_000  # samples up to which a length is run more than once: they take a millisecond
-REPEATED: Final = 20  # new cores then
+REPEATED: Final = 20  # runs then, each with a new core
 STEP_BATCH: Final = f"ours, batches of {BATCH}: guard, ring buffer, detection"
 STEP_AT_ONCE: Final = "ours, the same core, the window at once"
 STEP_STAGE: Final = "ours, stage 1 alone, the window at once"
@@ -47,14 +47,14 @@ STEP_KERNEL: Final = "ours, the seven-scale kernel alone, the window at once"
 
 
 def samples_of(window: Window, first: int, count: int) -> Samples:
-    """Return `count` samples from slot `first` on; the window is repeated for ever."""
+    """Return `count` samples from slot `first` on; the window is repeated endlessly."""
     slots = np.arange(first, first + count)
     place = slots % window.speed_rad_s.size
     return Samples(slots * window.wheel.period_ns, window.speed_rad_s[place], window.torque_Nm[place])
 
 
 def stream_of(wheel: Wheel, windows: int, rng: np.random.Generator) -> Window:
-    """Return so many windows of a simulated wheel in one, for `samples_of` to repeat."""
+    """Return `windows` consecutive windows of a simulated wheel as one, for `samples_of` to repeat."""
     samples = simulate(Scenario(duration_s=windows * wheel.window.samples * wheel.sample_period_s), wheel, rng).samples
     return Window.of(samples, wheel)
 
@@ -63,7 +63,7 @@ def stream_of(wheel: Wheel, windows: int, rng: np.random.Generator) -> Window:
 
 
 def step_laps(window: Window, model: Model) -> list[Lap]:
-    """Time the incremental step over a window that is not yet closed, beside the same work done at once."""
+    """Time the incremental step over a window that is not yet closed, and the same work done at once."""
     size = window.speed_rad_s.size // BATCH * BATCH - BATCH
     batches = [samples_of(window, start, BATCH) for start in range(0, size, BATCH)]
     whole = samples_of(window, 0, size)
@@ -93,9 +93,9 @@ def step_laps(window: Window, model: Model) -> list[Lap]:
 def cost_by_length(window: Window, model: Model, lengths: tuple[int, ...]) -> dict[int, float]:
     """Return the time per sample [s] of one core fed in batches, windows closed and diagnosed, by number of samples.
 
-    Of short lengths, which take no longer than a disturbance does, the least of `REPEATED` new cores.
+    For short lengths, which a disturbance could dominate, it is the least over `REPEATED` new cores.
     """
-    # Uncounted: all that these windows need is loaded, and what one does that follows another.
+    # Untimed: loads everything that a first window and the windows after it need.
     _cost(window, model, window.speed_rad_s.size + window.wheel.window.samples + 2 * BATCH)
     return {
         length: min(_cost(window, model, length) for _ in range(REPEATED if length <= LONGEST_REPEATED else 1))
@@ -119,7 +119,7 @@ def _cost(window: Window, model: Model, length: int) -> float:
 
 @dataclass(frozen=True, slots=True)
 class PipeRate:
-    """How fast samples went from the bus into a recording.
+    """Throughput of samples from the bus into a recording.
 
     Attributes
     ----------
@@ -128,9 +128,9 @@ class PipeRate:
     seconds
         From the first message that arrived to the last that was written.
     busy_s
-        Processor time of the thread that served them, in this time: without waiting for the sender.
+        Processor time of the serving thread within it, without waiting for the sender.
     account
-        What became of messages that were not recorded once each, in words; "" where all were.
+        Text on messages that were not recorded exactly once; "" where all were.
     """
 
     sent: int
@@ -153,9 +153,9 @@ def race_pipes(window: Window, messages: int, rounds: int) -> tuple[list[PipeRat
     window
         Gives the samples.
     messages
-        How many messages of `BATCH` samples each time.
+        Number of messages of `BATCH` samples in each round.
     rounds
-        How often.
+        Number of rounds.
 
     Returns
     -------
@@ -173,7 +173,7 @@ Pipe = Callable[[str, Path, int], PipeRate]
 
 
 def _through(window: Window, messages: int, pipe: Pipe) -> PipeRate:
-    """Send messages from a process of its own into a pipe in this one, over TCP."""
+    """Send messages from a separate process into a pipe in this one, over TCP."""
     endpoint = free_endpoint()
     sender = get_context("spawn").Process(
         target=_send, args=(endpoint, samples_of(window, 0, messages * BATCH)), daemon=True
@@ -188,7 +188,7 @@ def _through(window: Window, messages: int, pipe: Pipe) -> PipeRate:
 
 
 def _send(endpoint: str, samples: Samples) -> None:
-    """Publish samples as fast as the bus takes them, then stay until this process is ended."""
+    """Publish samples as fast as the bus takes them, then wait until this process is terminated."""
     parts = [samples[start : start + BATCH] for start in range(0, len(samples), BATCH)]
     with open_session(BusOptions(mode="peer", connect=(endpoint,))) as session:
         publisher = SamplesPublisher(session, "rwa/speed/wheel_1/samples")
@@ -198,7 +198,7 @@ def _send(endpoint: str, samples: Samples) -> None:
 
 
 def bare_pipe(endpoint: str, folder: Path, messages: int) -> PipeRate:
-    """Take messages from the bus, read their JSON, write them to an MCAP file: no thinking, and nothing is checked."""
+    """Take messages from the bus, read their JSON, write them to an MCAP file, without computations or checks."""
     recorded, begin, busy = 0, 0.0, 0.0
     with (
         open_session(BusOptions(mode="peer", listen=(endpoint,))) as session,
@@ -224,7 +224,7 @@ def bare_pipe(endpoint: str, folder: Path, messages: int) -> PipeRate:
 
 
 def monitor_pipe(endpoint: str, folder: Path, messages: int) -> PipeRate:
-    """Let the monitor serve the wheel: record, guard, detect, diagnose, record, publish."""
+    """Run the monitor on the messages: record, check, detect, diagnose, record, publish."""
     options = RunOptions(setup=Setup(model=built_in_model()), bus=BusOptions(mode="peer", listen=(endpoint,)))
     clock = Clock()
     recorder = Recorder(
@@ -266,7 +266,7 @@ def monitor_pipe(endpoint: str, folder: Path, messages: int) -> PipeRate:
 
 
 def free_endpoint() -> str:
-    """Return a Zenoh endpoint on loopback that nobody listens on at this moment."""
+    """Return a Zenoh endpoint on loopback whose port is currently free."""
     with socket.socket() as probe:
         probe.bind(("127.0.0.1", 0))
         return f"tcp/127.0.0.1:{probe.getsockname()[1]}"
@@ -286,12 +286,12 @@ class Memory:
 
     @property
     def of_a_wheel(self) -> float:
-        """Memory that one more wheel takes [bytes]."""
+        """Memory per additional wheel [bytes]."""
         return (self.full - self.empty) / self.wheels
 
 
 def memory_of(window: Window, wheels: int, *, all_channels: bool) -> Memory | None:
-    """Measure in a process of its own; None where the system does not report a process's resident memory."""
+    """Measure in a separate process; None where the system does not report a process's resident memory."""
     if not RESIDENT.exists():
         return None
     size = window.speed_rad_s.size - BATCH  # the window stays open
@@ -316,10 +316,10 @@ RESIDENT: Final = Path("/proc/self/statm")
 
 
 def _resident(samples: Samples, wheels: int) -> tuple[int, int]:
-    """Return the resident memory before and after cores of so many wheels were fed."""
+    """Return the resident memory [bytes] before and after the cores of `wheels` wheels were fed."""
     wheel, model = built_in_wheel(), built_in_model()
     parts = [samples[start : start + FEED] for start in range(0, len(samples), FEED)]
-    _feed(WheelCore(wheel, model), parts)  # everything that the first one needs is loaded
+    _feed(WheelCore(wheel, model), parts)  # loads everything that a core needs
     before = _resident_now()
     cores = []
     for _ in range(wheels):

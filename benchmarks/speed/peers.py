@@ -1,7 +1,7 @@
-"""Others that find changepoints, called as their documentation states; each is optional and may be missing.
+"""Changepoint detectors of other packages, called as their documentation states; each package is optional.
 
-They get what they need and cannot find themselves: friction less viscous friction of the right slope, over the noise's
-standard deviation, so that what is left is a change of the mean in white noise of variance one.
+They are given what they need and cannot estimate: friction less viscous friction of the true slope, over the noise's
+standard deviation, so that the problem is a change of the mean in white noise of variance one.
 """
 
 from __future__ import annotations
@@ -17,11 +17,11 @@ import numpy as np
 from rwa_monitor.paper.detection import SCALE
 from rwa_monitor.samples import FloatArray
 
-PENALTIES: Final = 2.0  # times BIC's 2 log n: about as many false changepoints as ours, which is next to none
+PENALTIES: Final = 2.0  # times BIC's 2 log n: about as few false changepoints as ours, almost none
 
 
 class MissingPeerError(Exception):
-    """A package to compare with is not installed; the message names it and how to get it."""
+    """A package to compare with is not installed; the message names it and how to install it."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,7 +35,7 @@ class Peer:
     search
         Finds the changepoints of a normalised series, float64 (n,).
     rounds
-        How often to time it at most: some take seconds.
+        Largest number of timed runs: some take seconds.
     """
 
     name: str
@@ -67,7 +67,7 @@ def skchange_fpop() -> Peer:
 
 
 def skchange_moving_window() -> Peer:
-    """Return skchange's MovingWindow: the same idea as the wGLR, at one scale."""
+    """Return skchange's MovingWindow: the same principle as the wGLR, at one scale."""
     detectors, scorers = _package("skchange.detectors"), _package("skchange.interval_scorers")
 
     def search(series: FloatArray) -> object:
@@ -130,14 +130,14 @@ def river_adwin() -> Peer:
 
 
 def focus() -> Peer:
-    """Return FOCuS of changepoint-online, sample by sample, begun anew at each changepoint; Python without a kernel."""
+    """Return FOCuS of changepoint-online, sample by sample, restarted at each changepoint; pure Python."""
     online = _package("changepoint_online")
 
     def search(series: FloatArray) -> object:
         detector, found, threshold = online.Focus(online.Gaussian()), [], 0.5 * _penalty(series)
         for k, value in enumerate(series.tolist()):
             detector.update(value)
-            if detector.statistic() >= threshold:  # a logarithm of a likelihood ratio
+            if detector.statistic() >= threshold:  # a log likelihood ratio
                 found.append(k)
                 detector = online.Focus(online.Gaussian())
         return found
@@ -156,12 +156,12 @@ PEERS: Final = (
 )
 
 
-# Without it skchange runs uncompiled, a hundred times slower: in a comparison of times it is then no peer.
+# Without it skchange runs uncompiled, a hundred times slower: it is then left out of the comparison of times.
 COMPILED_BY: Final = {skchange_fpop: "numba", skchange_moving_window: "numba"}
 
 
 def installed(report: Callable[[str], None]) -> list[Peer]:
-    """Return the peers that are installed, FPOP first, as fast as they can be; what is missing is reported."""
+    """Return the installed peers in their fastest form, FPOP first; report the missing ones."""
     found = []
     for peer in PEERS:
         try:

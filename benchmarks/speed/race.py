@@ -1,4 +1,4 @@
-"""Times several ways of doing one thing in turns, so that whatever else the machine does hits all of them alike."""
+"""Times several ways of doing the same work in turns, so that other load on the machine affects all of them alike."""
 
 from __future__ import annotations
 
@@ -17,16 +17,16 @@ ROUNDS: Final = 15
 
 @dataclass(frozen=True, slots=True)
 class Runner:
-    """One way of doing the thing.
+    """One way of doing the work.
 
     Attributes
     ----------
     name, role
-        What it is, and whether it is ours, a peer's, or a limit that nothing can beat.
+        Its name, and whether it is ours, a peer's, or a lower limit of the time.
     run
-        Does it once.
+        Does the work once.
     rounds
-        In how many rounds it takes part at most; what takes seconds need not run often.
+        Largest number of rounds in which it takes part: slow runners need fewer.
     """
 
     name: str
@@ -37,7 +37,7 @@ class Runner:
 
 @dataclass(frozen=True, slots=True)
 class Lap:
-    """What a runner took: median, the quartiles around it, the least, in seconds, of so many runs."""
+    """Times of a runner: median, quartiles and minimum [s], and number of runs."""
 
     name: str
     role: Role
@@ -54,7 +54,7 @@ class Lap:
         return cls(name, role, median, low, high, float(np.min(seconds)), len(seconds))
 
     def to_json(self) -> dict[str, Any]:
-        """Return it as plain content."""
+        """Return it as JSON content."""
         return asdict(self)
 
 
@@ -64,9 +64,9 @@ def race(runners: Sequence[Runner], rounds: int = ROUNDS) -> dict[str, FloatArra
     Parameters
     ----------
     runners
-        Each is run once before, uncounted: to compile, and to bring its data into the caches.
+        Each is run once before, untimed: to compile, and to load its data into the caches.
     rounds
-        How often.
+        Number of rounds.
 
     Returns
     -------

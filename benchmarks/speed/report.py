@@ -1,4 +1,4 @@
-"""The speed benchmark's results: targets, JSON, and the page made of it."""
+"""The speed benchmark's results: targets, JSON, and the page."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ HOW: Final = (
 
 @dataclass(frozen=True, slots=True)
 class Section:
-    """One part of the benchmark: targets, times of runners side by side, and what to know about both."""
+    """One part of the benchmark: targets, times of the runners, and an explanation of both."""
 
     title: str
     text: str
@@ -38,13 +38,13 @@ class SpeedReport:
     Attributes
     ----------
     machine
-        What it ran on, with the versions of everything that counts.
+        Description of the machine, with the versions of the relevant software.
     settings
         Windows, seeds.
     sections
         The parts, in order.
     missing
-        What was left out, and why.
+        Parts that were left out, and why.
     """
 
     machine: dict[str, str]
@@ -58,7 +58,7 @@ class SpeedReport:
         return [target for part in self.sections for target in part.targets]
 
     def to_json(self) -> dict[str, Any]:
-        """Return the report as plain content; NaN becomes null."""
+        """Return the report as JSON content; NaN becomes null."""
         return {
             "command": COMMAND,
             "machine": self.machine,

@@ -1,9 +1,9 @@
-"""What the discrepancy search costs: processor time, wall-clock time and memory, and how they grow with the record.
+"""Costs of the discrepancy search: processor time, wall-clock time and memory, and their growth with the record.
 
     python -m benchmarks.speed.search [--samples N …] [--hidden N] [--threads N]
 
 This part of `make benchmark-speed` alone, as JSON: one line for each length, and one with the growth. Every record
-is searched by a process of its own, so that its memory is its own. The machine's load changes the wall-clock time,
+is searched in a separate process, so that its memory can be measured. Other load changes the wall-clock time, but
 hardly the processor time.
 """
 
@@ -34,7 +34,7 @@ from rwa_monitor.wheel.wheel import EffectBlock, built_in_wheel
 SEED: Final = 3
 LENGTHS: Final = (20_000, 80_000, 320_000)  # samples
 LENGTH: Final = 80_000  # of the records with nothing and with two effects hidden
-# Some 0.5 standard deviations of the noise each, beside sign, speed and levels.
+# About 0.5 standard deviations of the noise each, orthogonal to sign, speed and levels.
 HIDDEN: Final = (
     EffectBlock(name="stribeck", parameters={"strength_Nm": 5.0e-4, "stribeck_speed_rad_s": 8.0, "exponent": 1.0}),
     EffectBlock(name="quadratic_drag", parameters={"strength_Nm_s2_rad2": 4.0e-9}),
@@ -49,12 +49,12 @@ GIGA: Final = 1e9
 
 @dataclass(frozen=True, slots=True)
 class SearchCost:
-    """What one search cost.
+    """Cost of one search.
 
     Attributes
     ----------
     samples, hidden, threads
-        Length of the record, how many effects are hidden in it, and how many candidates are tried at a time.
+        Length of the record, number of hidden effects, and number of candidates tried at a time.
     wall_s, processor_s
         Times [s].
     memory_GB
@@ -91,7 +91,7 @@ def measure(samples: int, hidden: int, threads: int) -> SearchCost:
 
 
 def measure_apart(samples: int, hidden: int, threads: int) -> SearchCost:
-    """Measure in a process of its own."""
+    """Measure in a separate process."""
     with ProcessPoolExecutor(1, get_context("spawn")) as pool:
         return pool.submit(measure, samples, hidden, threads).result()
 
@@ -109,7 +109,7 @@ def search_costs() -> list[SearchCost]:
 
 
 def search_section(costs: list[SearchCost]) -> Section:
-    """Hold the search against time, memory and growth."""
+    """Compare time, memory and growth of the search with the targets."""
     by_length = sorted((cost for cost in costs if cost.hidden == 1), key=lambda cost: cost.samples)
     short_s = max(cost.processor_s for cost in costs if cost.samples == SHORT)
     by_hidden = sorted((cost for cost in costs if cost.samples == LENGTH), key=lambda cost: cost.hidden)

@@ -1,4 +1,4 @@
-"""Whole windows of recipe `paper`, one after the other: ours, the plain paper method and the fastest peer in turns."""
+"""Times whole windows of recipe `paper` one after the other: ours, the plain paper method and the fastest peer."""
 
 from __future__ import annotations
 
@@ -27,13 +27,13 @@ from rwa_monitor.switching.carried_state import CarriedState
 from rwa_monitor.wheel.durations import Uniform
 from rwa_monitor.wheel.wheel import FrictionRange, SwitchingSystem, Wheel
 
-REPEATS: Final = 3  # of each window; the least counts, as only others' work on the machine makes it more
-PLAIN_EVERY: Final = 5  # windows from one that the plain method diagnoses too to the next: it takes most of the time
+REPEATS: Final = 3  # of each window; the least counts, since other load on the machine only adds time
+PLAIN_EVERY: Final = 5  # every fifth window is also diagnosed by the plain method, which takes most of the time
 
 
 @dataclass(frozen=True, slots=True)
 class WindowTimes:
-    """Times of each window [s], float64 (windows,); the last three of every `PLAIN_EVERY`-th window, else NaN.
+    """Times of each window [s], float64 (windows,); the last three for every `PLAIN_EVERY`-th window, else NaN.
 
     Attributes
     ----------
@@ -42,10 +42,10 @@ class WindowTimes:
     close
         From the window's last sample to its diagnosis: close, estimation, assignment, classification.
     kernel
-        The seven-scale wGLR alone, over the window at once.
+        The seven-scale wGLR alone, over the whole window at once.
     plain, compiled
-        The paper's method in plain numpy and Python, from the samples and the estimate of their noise; and with the
-        time of our kernel in place of that of its wGLR in numpy.
+        The paper's method in plain numpy and Python, from the samples and the estimate of their noise; and the same
+        with the time of its wGLR in numpy replaced by that of our kernel.
     fastest_peer
         Changepoints alone by the fastest peer; NaN throughout where it is not installed.
     """
@@ -66,7 +66,7 @@ class WindowTimes:
 def time_windows(
     windows: Iterable[LabelledWindow], model: Model, peer: Peer | None, repeats: int = REPEATS
 ) -> WindowTimes:
-    """Time windows one after the other; the first runs once uncounted."""
+    """Time windows one after the other; the first is run once beforehand, untimed."""
     rows: list[list[float]] = []
     for number, labelled in enumerate(windows):
         window = window_of(labelled)
@@ -116,18 +116,18 @@ JUMP_SIZES: Final = (0.2, 0.8)  # normalised: any system may have made any of th
 
 @dataclass(frozen=True, slots=True)
 class HardWindow:
-    """What becomes of a window of many jumps that any of several systems may have made.
+    """Cost of a window of many jumps, each of which any of several systems may have made.
 
     Attributes
     ----------
     candidates, systems
-        How many there are.
+        Their numbers.
     seconds
         From its last sample to its diagnosis [s].
     states
-        Partial assignments that the search looked at.
+        Partial assignments that the search expanded.
     pruned
-        Whether the search reports that it left some out.
+        Whether the search reports that it discarded some.
     """
 
     candidates: int
@@ -138,7 +138,7 @@ class HardWindow:
 
 
 def time_hard_window(wheel: Wheel, model: Model, seed: int, repeats: int = REPEATS) -> HardWindow:
-    """Time a window with 200 jumps and three switching systems with the same broad laws; the first run is uncounted."""
+    """Time a window with 200 jumps and three switching systems with the same broad laws; the first run is untimed."""
     window = hard_window(wheel, np.random.default_rng(seed))
     seconds: list[float] = []
     while True:
@@ -161,16 +161,16 @@ def time_hard_window(wheel: Wheel, model: Model, seed: int, repeats: int = REPEA
 
 
 def hard_window(wheel: Wheel, rng: np.random.Generator, jumps: int = HARD_JUMPS, systems: int = HARD_SYSTEMS) -> Window:
-    """Make a window in which nothing but the number of jumps distinguishes the switching systems.
+    """Make a window in which only the number of jumps distinguishes the switching systems.
 
     Parameters
     ----------
     wheel
-        For everything but the switching systems.
+        The wheel, whose switching systems are replaced.
     rng
-        Where, how large and whose the jumps are.
+        Source of the places, sizes and systems of the jumps.
     jumps, systems
-        How many.
+        Their numbers.
     """
     slots = wheel.window.samples
     law = Uniform(low=1, high=slots // 2)
