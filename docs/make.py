@@ -1,7 +1,7 @@
-"""Writes the generated part of the documents: `python docs/make.py`, with `--pictures` the pictures too.
+"""Writes the generated parts of the documents: `python docs/make.py`, with `--pictures` the pictures too.
 
 Generated are docs/effects/*.md from the catalogue, docs/reference.md from messages, commands and settings, and all
-pictures. tests/docs holds the pages in step with the code.
+pictures. tests/docs checks that the pages agree with the code.
 """
 
 from __future__ import annotations
@@ -62,7 +62,7 @@ def pages() -> dict[str, str]:
 
 def _effect_page(effect: type[Effect]) -> str:
     picture = f"![{effect.title}](pictures/{effect.name}.png)\n\n"
-    # The picture stands before the words that describe what to look for in it.
+    # The picture precedes the text that describes what to look for in it.
     text = describe(effect).replace("**What shows it.**", f"{picture}**What shows it.**", 1)
     block = to_block(effect.typical())
     values = ", ".join(f"{name} = {value!r}" for name, value in block.parameters.items())
@@ -140,7 +140,7 @@ def draw_overview(file: Path) -> None:
 
 
 def draw_scales(file: Path) -> None:
-    """Draw two jumps that make a short sojourn and a small one, and the statistic at three scales."""
+    """Draw a short sojourn between two jumps, a small jump, and the statistic at three scales."""
     std, slots = 0.024, 600  # the paper's noise, of the nominal dry torque
     level = np.zeros(slots)
     level[150:162] = 10 * std
@@ -171,7 +171,7 @@ def draw_scales(file: Path) -> None:
 
 
 def draw_slope(file: Path) -> None:
-    """Draw how well one interval determines the viscous coefficient, by how far the speed ranges in it."""
+    """Draw the accuracy of the viscous coefficient from one interval over the range of the speed in it."""
     std, samples = 0.024, 5000  # an interval between jumps of the paper's examples
     span = np.geomspace(1e-4, 1.0, 200)
     figure = Figure(figsize=(8.0, 2.6), layout="constrained")
@@ -382,7 +382,7 @@ up = [1.0, 0.67, 0.0]
 
 
 def _whole_wheel() -> Iterator[str]:
-    wheel.Wheel.from_toml(WHOLE_WHEEL, "the example of a wheel file")  # an example that cannot be read helps nobody
+    wheel.Wheel.from_toml(WHOLE_WHEEL, "the example of a wheel file")  # fails where the example cannot be read
     yield "### A whole wheel file\n"
     yield "Durations count samples (slots); friction is in units of the nominal dry torque.\n"
     yield f"```toml\n{WHOLE_WHEEL}```\n"
@@ -398,7 +398,7 @@ def _members(union: Any) -> list[type[BaseModel]]:
 
 
 def _attributes(model: type[BaseModel]) -> dict[str, str]:
-    """Return the docstring's text on each attribute."""
+    """Return the description of each attribute in a model's docstring."""
     doc = inspect.getdoc(model) or ""
     _, _, body = doc.partition("Attributes\n----------\n")
     found: dict[str, str] = {}
@@ -467,7 +467,7 @@ def _cell(text: str) -> str:
 
 
 def pictures() -> dict[str, Callable[[Path], None]]:
-    """Return all pictures: path below docs/ and what draws it."""
+    """Return all pictures: path below docs/ and the function that draws it."""
     found: dict[str, Callable[[Path], None]] = {
         "pictures/window.png": draw_overview,
         "pictures/scales.png": draw_scales,
@@ -541,7 +541,7 @@ def describe(effect: type[Effect]) -> str:
 
 
 def index(effects: Iterable[type[Effect]]) -> str:
-    """Return the page that lists effects by family, each with what shows it and a link to its page, as Markdown."""
+    """Return the page that lists effects by family, each with its signature and a link to its page, as Markdown."""
     lines = ["# Effects the base model leaves out", ""]
     by_family: dict[str, list[type[Effect]]] = {"mean": [], "noise": [], "switching": []}
     for effect in effects:

@@ -1,4 +1,4 @@
-"""What holds for all tests."""
+"""Settings and fixtures of all tests."""
 
 from collections.abc import Iterator
 from pathlib import Path
@@ -15,13 +15,13 @@ from rwa_monitor.monitor.bus import BusOptions, open_session
 if Path(rwa_monitor.__file__).resolve().parents[1] != Path(__file__).resolve().parents[1]:  # of another checkout
     raise pytest.UsageError(f"the tests would test {rwa_monitor.__file__}; run make venv in this checkout")
 
-# A test on a busy machine takes as long as it takes: pytest-timeout ends one that hangs. The same examples at each run:
-# what fails here fails everywhere, and does not pass next time. Others are tried by --hypothesis-profile=explore.
+# No deadline per example, since tests are slow on a loaded machine; pytest-timeout ends one that hangs. Examples are
+# the same at each run, so that failures are reproducible; --hypothesis-profile=explore tries others.
 settings.register_profile("patient", deadline=None, suppress_health_check=[HealthCheck.too_slow], derandomize=True)
 settings.register_profile("explore", settings.get_profile("patient"), derandomize=False)
 settings.load_profile("patient")
 
-# Files whose tests share something that takes seconds to make: each goes to one worker, which makes it once.
+# Files whose tests share a fixture that takes seconds to make: each file goes to one worker, which makes it once.
 SHARING = {
     "test_batch.py",
     "test_c.py",
@@ -43,9 +43,9 @@ SHARING = {
 
 
 class BySharing(LoadScopeScheduling):
-    """Gives workers one test after the other, and the tests of a file that shares something together.
+    """Distributes tests to workers one by one, but those of a file with a shared fixture together.
 
-    As `--dist loadgroup` would, whose groups xdist 3.8 does not find under pytest 9.
+    The same as `--dist loadgroup`, whose groups xdist 3.8 does not find under pytest 9.
     """
 
     def _split_scope(self, nodeid: str) -> str:

@@ -1,10 +1,10 @@
-"""The software bill of materials (CycloneDX): what the program is installed with, from the lock and what is installed.
+"""Writes the software bill of materials (CycloneDX) of the program from the lock file and the installed packages.
 
     python -m tools.sbom -o build/sbom.json
 
-Each package of requirements.txt that belongs on this platform, with version, licences, what it depends on, and the
-hashes that the lock allows. Needs no network: hashes are the lock's, all else is the metadata of what is installed. The
-result is valid by the schema of CycloneDX, and the same on the same installation.
+It lists each package of requirements.txt for this platform, with version, licences, dependencies, and the hashes that
+the lock allows. It needs no network: hashes are from the lock, all else is metadata of installed packages. The result
+is valid by the schema of CycloneDX, and the same on the same installation.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ def locked(lock: Path) -> dict[str, str]:
 
 
 def bill_of_materials(lock: Path = ROOT / "requirements.txt") -> Bom:
-    """Return the bill of materials; raises SystemExit where what is installed is not what is locked."""
+    """Return the bill of materials; raises SystemExit where installed packages differ from the lock."""
     wanted = locked(lock)
     pyproject = ("--pyproject", str(ROOT / "pyproject.toml"))
     bom = _generated("environment", sys.executable, *pyproject)

@@ -1,4 +1,4 @@
-"""Writes the JSON Schemas of all messages over those in a folder: `python tools/schemas.py FOLDER`."""
+"""Writes the JSON Schemas of all messages to a folder, overwriting old ones: `python tools/schemas.py FOLDER`."""
 
 import json
 import sys

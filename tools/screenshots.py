@@ -34,7 +34,7 @@ def main() -> None:
                 browser = playwright.chromium.launch(executable_path=CHROMIUM, args=["--no-sandbox"])
                 _shoot(browser.new_page(viewport={"width": 1280, "height": 800}), address)
                 browser.close()
-            for picture in FOLDER.glob("*.png"):  # a palette makes a picture of a page a third as large
+            for picture in FOLDER.glob("*.png"):  # a palette reduces a picture of a page to a third
                 with Image.open(picture) as image:
                     image.convert("RGB").quantize(128).save(picture, optimize=True)
         finally:
@@ -46,7 +46,7 @@ def _shoot(page: Page, address: str) -> None:
     page.goto(address)
     failing = page.locator(".wheel", has_text=FAILING)
     expect(failing).to_contain_text("anomalous", timeout=ALARM_MS)
-    page.wait_for_timeout(9_000)  # one more window, so that there is something to see
+    page.wait_for_timeout(9_000)  # one more window, so that the page has content
     page.screenshot(path=FOLDER / "fleet.png")
     page.set_viewport_size({"width": 1920, "height": 1080})
     page.wait_for_timeout(1_000)

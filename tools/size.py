@@ -1,9 +1,9 @@
 """Code lines, tokens and numeric constants of the package by room; compiled sources counted too.
 
-Lines and tokens are without blanks, comments and docstrings; a constant is a name that a file binds to a number.
+Lines and tokens exclude blanks, comments and docstrings; a constant is a module-level name assigned a number.
 
-`make size` prints a Markdown table, and exits with 1 where the package is larger than it was: the limits fall with
-every part that is taken away, and rise only with a capability. Tokens, so that nobody saves lines by packing them.
+`make size` prints a Markdown table, and exits with 1 where the package exceeds its limits, which fall with every part
+that is removed, and rise only with a capability. Tokens are limited too, so that packing lines gains nothing.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ DOCUMENTED = ast.Module | ast.ClassDef | ast.FunctionDef | ast.AsyncFunctionDef
 
 
 def is_number(value: ast.expr | None) -> bool:
-    """Return whether an expression is of numbers, or some of it is."""
+    """Return whether an expression is a number, an operation on one, or a tuple or list of such expressions."""
     match value:
         case ast.Constant(value=bool()):
             return False

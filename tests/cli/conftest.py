@@ -1,4 +1,4 @@
-"""A small wheel and what is simulated with it, made once for all tests of the command line."""
+"""A small wheel and recordings simulated with it, made once for all tests of the command line."""
 
 from pathlib import Path
 

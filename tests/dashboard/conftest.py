@@ -22,7 +22,7 @@ def chromium() -> Iterator[Any]:
 
 @pytest.fixture
 def dashboard(session: zenoh.Session, tmp_path: Path) -> Iterator[Running]:
-    """A dashboard on an empty folder. No monitor reports to it: on a busy machine that would become an alarm."""
+    """A dashboard on an empty folder; no alarm on silent monitors, which a loaded machine would raise."""
     with serve(DashboardOptions(0, tmp_path, token="right", silent_s=0.0), session) as running:
         yield running
 
@@ -42,7 +42,7 @@ def failing_fleet(session: zenoh.Session, tmp_path: Path) -> Iterator[Running]:
 
 @pytest.fixture
 def complaint() -> str:
-    """What a page may complain of (`opened`); a test that lets it complain of all gives an empty one."""
+    """Text of the errors that a page may log (see `opened`); a test that allows all of them gives an empty one."""
     return "none"
 
 

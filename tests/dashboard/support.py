@@ -18,13 +18,13 @@ from tests.history.support import diagnosis
 
 CHROMIUM = Path("/usr/bin/chromium")
 RIGHT = {"Authorization": "Bearer right"}
-WAIT_MS = 20_000  # for what should be there at once: a busy machine is no fault of the page
+WAIT_MS = 20_000  # for elements that should appear at once: generous for a loaded machine
 WAIT_S = WAIT_MS / 1000
-START_S = 120.0  # for a monitor to start and diagnose, on a machine that has much else to do
+START_S = 120.0  # for a monitor to start and diagnose on a loaded machine
 
 
 def status(wheel: str, **changes: Any) -> bytes:
-    """Return the status of a monitor that is well."""
+    """Return the status of a healthy monitor, with these changes."""
     counted = ("samples_", "slots_", "messages_")
     return Status.model_validate(
         {name: 0 for name in Status.model_fields if name.startswith(counted)}
@@ -51,7 +51,7 @@ def send_samples(session: zenoh.Session, wheel: str, samples: Samples) -> None:
 def ask(
     address: str, path: str, *, headers: dict[str, str] | None = None, body: bytes | None = None
 ) -> tuple[int, Any]:
-    """Ask the API; returns status and content."""
+    """Send a request to the API; return status and content."""
     request = urllib.request.Request(address + path, body, {"Content-Type": "application/json"} | (headers or {}))
     try:
         with urllib.request.urlopen(request, timeout=WAIT_S) as answer:
@@ -62,7 +62,7 @@ def ask(
 
 
 def metrics(address: str) -> str:
-    """Return what Prometheus would be told."""
+    """Return the metrics that Prometheus would read."""
     with urllib.request.urlopen(f"{address}metrics", timeout=WAIT_S) as answer:
         assert answer.headers["Content-Type"].startswith("text/plain; version=0.0.4")
         return str(answer.read().decode())
@@ -75,7 +75,7 @@ def acknowledge(address: str, alarm: int = 1) -> int:
 
 @contextmanager
 def reporting(session: zenoh.Session, *wheels: str, **changes: Any) -> Iterator[None]:
-    """Let monitors report: a status of each wheel some times a second."""
+    """Publish a status of each wheel several times a second, as monitors do."""
     stop = Event()
 
     def report() -> None:
@@ -110,7 +110,7 @@ def browser() -> Iterator[Any]:
 
 @contextmanager
 def opened(started: Any, width: int = 1280, complaint: str = "none", **options: Any) -> Iterator[Any]:
-    """Open a page, which may complain only of what holds a text: of nothing, unless it is given; of all, if empty."""
+    """Open a page; only errors that contain `complaint` are allowed: by default none, with an empty text all."""
     page = started.new_page(viewport={"width": width, "height": 900}, **options)
     page.set_default_timeout(WAIT_MS)
     complaints: list[str] = []
@@ -122,7 +122,7 @@ def opened(started: Any, width: int = 1280, complaint: str = "none", **options: 
 
 
 def findings(page: Any) -> list[Any]:
-    """Return what keeps people from using a view or makes it harder: whatever axe finds, minor or critical."""
+    """Return the accessibility violations that axe finds in a view, of any severity."""
     from axe_playwright_python.sync_playwright import Axe
 
     found: list[Any] = Axe().run(page).response["violations"]
@@ -130,7 +130,7 @@ def findings(page: Any) -> list[Any]:
 
 
 def expect(locator: Any) -> Any:
-    """Expect something of an element, as Playwright does it: waits for it."""
+    """Return Playwright's expectation of an element, which waits."""
     from playwright.sync_api import expect as playwright_expect
 
     return playwright_expect(locator)

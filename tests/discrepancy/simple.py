@@ -46,7 +46,7 @@ def sampled(speed: Array, friction: Array | None = None, period_s: float = PERIO
 
 
 def current_of(friction: Array, speed: Array) -> Array:
-    """Return the current with which the built-in wheel's motor overcomes friction and turns so [A]."""
+    """Return the current with which the built-in wheel's motor overcomes friction and follows the speed [A]."""
     torque = friction + WHEEL.inertia_kg_m2 * np.gradient(speed, PERIOD_S)
     return np.asarray(torque / WHEEL.torque_constant_Nm_A)
 

@@ -1,4 +1,4 @@
-"""Records of friction without jumps for the tests of this room: four motions, and noise that remembers."""
+"""Records of friction without jumps for the tests of this room: four motions, and autocorrelated noise."""
 
 from collections.abc import Callable
 from typing import Final
@@ -17,7 +17,7 @@ COUNT: Final = 600
 
 
 def coast_down(count: int = COUNT) -> Array:
-    """Return the speed of a wheel that dry and viscous friction slow down to an eighth of it [rad/s]."""
+    """Return the speed of a wheel that coasts down to an eighth of its speed by dry and viscous friction [rad/s]."""
     return np.asarray(330.0 * np.exp(-1.6 * np.arange(count) / count) - 25.0)
 
 
@@ -64,7 +64,7 @@ def smooth_record(
     seed: int = 0,
     noise_Nm: float = NOISE_NM,
 ) -> Samples:
-    """Return samples of dry and viscous friction, an effect more, and noise that is half white and half AR(1)."""
+    """Return samples of dry and viscous friction, one further effect, and noise that is half white and half AR(1)."""
     rng = np.random.default_rng(seed)
     noise = np.sqrt(0.5) * (remembering(speed.size, correlation, rng) + rng.normal(size=speed.size))
     friction = np.sign(speed) * DRY_NM + VISCOUS * speed + effect + noise_Nm * noise
@@ -72,7 +72,7 @@ def smooth_record(
 
 
 def null_record(motion: str, correlation: float, seed: int) -> Samples:
-    """Return a record that lacks nothing; its noise is AR(1) alone."""
+    """Return a record of the base model; its noise is AR(1) alone."""
     rng = np.random.default_rng([seed, list(MOTIONS).index(motion), round(1000 * correlation)])
     speed = MOTIONS[motion]()
     noise = NOISE_NM * remembering(speed.size, correlation, rng)

@@ -1,4 +1,4 @@
-"""Lets one history happen, and checks what came of it."""
+"""Plays one history on real processes, and checks the result."""
 
 import json
 import signal
@@ -29,25 +29,25 @@ from tests.program import run
 # In these histories the monitor must be there from the beginning; in the others the bus may be first.
 NEEDS_MONITOR: Final = frozenset({"second_publisher", "disk_fails", *LOSING})
 FLUSHED_S: Final = PERIOD_S + 0.3
-QUIET_S: Final = 6.0  # nothing new for so long: what is lost is lost, and has been asked for in vain
+QUIET_S: Final = 6.0  # without new data: missing messages have been requested again without success and are lost
 
 
 @dataclass(slots=True)
 class Outcome:
-    """What came of a history.
+    """Result of a history.
 
     Attributes
     ----------
     problems
         A line for each promise that was broken.
     sent, lost
-        Samples that the publishers sent, and those of them that no diagnosis is of.
+        Samples that the publishers sent, and those of them that are in no diagnosis.
     told
         Messages that the last status reports as missing.
     windows
         Diagnoses compared.
     wrong
-        Diagnoses that are not those of `diagnose`, or are missing.
+        Diagnoses that differ from those of `diagnose`, or are missing.
     recordings
         Files of the chain.
     stops_s
@@ -69,7 +69,7 @@ class Outcome:
 
 
 def run_trial(seed: int, number: int, *, root: bool) -> Outcome:
-    """Make a history, let it happen and check it."""
+    """Make a history, play it and check the result."""
     history = make_history(seed, number, root=root)
     outcome = Outcome(number, history.kinds)
     begin_s = time.monotonic()
@@ -96,7 +96,7 @@ def run_trial(seed: int, number: int, *, root: bool) -> Outcome:
 
 
 def _happen(history: History, rig: Rig, outcome: Outcome) -> None:
-    """Send all messages, with the faults between them, and wait until all is quiet again."""
+    """Send all messages, with the faults between them, and wait until nothing new arrives."""
     sent = Counter[str]()
     for place, put in enumerate(history.puts):
         for fault in history.faults:
@@ -187,7 +187,7 @@ def _end(fault: Fault, rig: Rig) -> None:
 
 
 def _state(rig: Rig, history: History) -> str:
-    """Describe what the monitor has got, for whoever looks for the fault."""
+    """Describe what the monitor has received, for debugging."""
     status = {_wheel_of(key): rig.status(_wheel_of(key)) for key in history.sent}
     batches = [
         json.loads(message.payload)["batch"]
@@ -244,7 +244,7 @@ def _check(history: History, rig: Rig, outcome: Outcome) -> None:
         name = _wheel_of(key)
         status = rig.status(name)
         outcome.sent += len(samples)
-        if not status and not history.recoverable:  # a wheel of which nothing ever arrived
+        if not status and not history.recoverable:  # a wheel from which no message arrived
             outcome.lost += len(samples)
             continue
         outcome.told += status["messages_missed"]
@@ -253,7 +253,7 @@ def _check(history: History, rig: Rig, outcome: Outcome) -> None:
         counts, made = _oracle(samples)
         expected = [payload.replace(b"wheel_1", name.encode()) for payload in made]
         if not history.recoverable:
-            # Of what has reached the monitor; that these are right is for the replay to show.
+            # Diagnoses of the samples that reached the monitor; the replay checks that they are right.
             expected = list(dict.fromkeys(heard)) if history.loses_recording else recorded
             # To a monitor that joins late nothing is missing: one that was killed before its first second was recorded,
             # or one that received nothing of a wheel before the outage.

@@ -1,9 +1,9 @@
-"""The fuzzing campaign: every reader of outside bytes for a while, and its figures as a page.
+"""The fuzzing campaign: fuzzes every reader of outside bytes for a given time, and writes the figures as a page.
 
     python -m tests.fuzz.campaign [--seconds 600] [--targets csv,mcap] [--page docs/fuzzing.md]
 
-With atheris the search, in each process, is guided by the lines of Python that an input reaches; what a target does
-wrong is kept, counted by where it happens, and the search goes on.
+With atheris the search, in each process, is guided by the lines of Python that an input reaches; errors of a target are
+kept, counted by their place in the code, and the search continues.
 """
 
 import argparse
@@ -33,7 +33,7 @@ WATCHED: Final = ("rwa_monitor", "mcap", "tomllib")
 
 
 class Tally:
-    """Counts what a target did, and keeps what it did wrong, in a file that survives the process."""
+    """Counts the runs and errors of a target, and keeps failing inputs, in a file that survives the process."""
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
@@ -47,11 +47,11 @@ class Tally:
         self.executions += 1
         try:
             self.taken += run(target, data)
-        except (Exception, RecursionError) as error:  # noqa: BLE001 - this is what is looked for
+        except (Exception, RecursionError) as error:  # noqa: BLE001 - the errors that fuzzing looks for
             self._keep(error, data)
         now_s = time.monotonic()
         taken_s = now_s - begun_s
-        if taken_s > max(self.slowest_s, SLOW_S):  # something else may have taken the time: try again
+        if taken_s > max(self.slowest_s, SLOW_S):  # perhaps slow by other load: try again
             with suppress(Exception):  # kept above
                 run(target, data)
             now_s, taken_s = time.monotonic(), time.monotonic() - now_s
@@ -62,7 +62,7 @@ class Tally:
             self.write(now_s)
 
     def _keep(self, error: BaseException, data: bytes) -> None:
-        """Keep one input for each place where something goes wrong."""
+        """Keep one input for each place in the code where an error occurs."""
         frames = traceback.extract_tb(error.__traceback__)
         ours = [f"{Path(frame.filename).name}:{frame.lineno}" for frame in frames if "rwa_monitor" in frame.filename]
         what = f"{type(error).__name__} at {(ours or ['the target'])[-1]}"
@@ -117,7 +117,7 @@ def guided(name: str, folder: Path, seconds: int) -> None:
 
 
 def fuzz(name: str, folder: Path, seconds: int) -> dict[str, Any]:
-    """Fuzz one target, and return its figures; a process that ends too early is followed by another."""
+    """Fuzz one target, and return its figures; a process that ends too early is replaced by another."""
     folder.mkdir(parents=True, exist_ok=True)
     results: dict[str, Any] = {"executions": 0, "taken": 0, "seconds": 0.0, "slowest_s": 0.0, "findings": {}}
     while results["seconds"] < 0.9 * seconds and len(results["findings"]) < MAX_FINDINGS:

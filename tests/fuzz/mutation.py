@@ -1,6 +1,6 @@
-"""Bytes made from good ones by a few edits: what a parser is most likely to stumble over.
+"""Bytes made from valid ones by a few edits: the inputs on which a parser is most likely to fail.
 
-Edits of bytes, as a hypothesis strategy; edits of values in JSON that stays JSON, for what lies behind its parser.
+Edits of bytes, as a hypothesis strategy; edits of values in valid JSON, to test the code behind its parser.
 """
 
 import json
@@ -21,7 +21,7 @@ TOKENS: Final = (
 
 @st.composite
 def mutated(draw: st.DrawFn, seeds: Sequence[bytes]) -> bytes:
-    """Draw one of the seeds, changed in one to five places; now and then bytes from nowhere."""
+    """Draw one of the seeds, changed in one to five places; occasionally random bytes."""
     if draw(st.integers(0, 19)) == 0:
         return draw(st.binary(max_size=200))
     data = bytearray(draw(st.sampled_from(list(seeds))))
@@ -65,7 +65,7 @@ def other_json(data: bytes, seed: int) -> bytes | None:
 
 
 def _changed(content: Any, rng: random.Random) -> Any:
-    """Return a JSON value with one value in it changed, left out, or there twice."""
+    """Return a JSON value with one value in it changed, removed or duplicated."""
     if isinstance(content, dict) and content and rng.random() < 0.9:
         key = rng.choice(list(content))
         if rng.random() < 0.1:

@@ -1,7 +1,7 @@
 """What is fuzzed: every reader of bytes from outside, each behind one function that takes bytes.
 
-A target may refuse its input with a `RwaMonitorError` of one printable line, and do nothing else: no other exception,
-no endless work. What it accepts must hold together: it is written and read again, or used as the program would.
+A target may refuse its input with a `RwaMonitorError` of one printable line, but not in any other way: no other
+exception, no endless loop. Accepted input must be consistent: it is written and read again, or used by the program.
 """
 
 import json
@@ -71,7 +71,7 @@ class Target:
     read
         Takes bytes; raises RwaMonitorError to refuse them.
     seeds
-        What it accepts, or nearly so, to begin with.
+        Initial inputs, valid or nearly so.
     """
 
     read: Callable[[bytes], None]

@@ -26,7 +26,7 @@ def programs() -> Path | None:
 
 @contextmanager
 def server(bin_folder: Path) -> Iterator[str]:
-    """Run a server of our own on loopback; yields the beginning of its databases' URLs."""
+    """Run a separate server on loopback; yields the prefix of its databases' URLs."""
     folder = Path(mkdtemp(prefix="rwa-postgresql-"))
     as_user: dict[str, Any] = {}
     if os.geteuid() == 0:  # PostgreSQL refuses to run as root
@@ -37,7 +37,7 @@ def server(bin_folder: Path) -> Iterator[str]:
     run: dict[str, Any] = {"timeout": PATIENCE_S, "cwd": folder, "stdout": log, "stderr": log, **as_user}
     options = f"-c listen_addresses=127.0.0.1 -c unix_socket_directories={folder} -c fsync=off -p {port}"
     try:
-        # Whatever the language of whoever runs the tests, and whether this machine has it.
+        # Independent of the user's locale, which this machine may not have.
         words = ["-D", data, "-U", "rwa", "-A", "trust", "--no-sync", "--locale=C", "--encoding=UTF8"]
         subprocess.run([bin_folder / "initdb", *words], check=True, **run)
         subprocess.run([bin_folder / "pg_ctl", "-D", data, "-o", options, "-w", "start"], check=True, **run)

@@ -1,4 +1,4 @@
-"""Diagnoses as the monitor would send them, of wheels that are well or not."""
+"""Diagnoses as the monitor would send them, of healthy and of anomalous wheels."""
 
 from rwa_monitor.messages import Anomaly, Diagnosis, Discrepancy, Friction, Provenance, Quantity, Residuals
 

@@ -1,4 +1,4 @@
-"""What tests of the whole service share: monitors in processes and threads, and somebody who listens to them."""
+"""Helpers of tests of the whole service: monitors in processes and threads, and a listener to their messages."""
 
 import json
 import signal
@@ -28,11 +28,11 @@ from rwa_monitor.wheel.wheel import Wheel
 from tests.monitor.support import model, wheel
 from tests.program import command
 
-PATIENCE_S = 200.0  # for what takes a second or two, but longer where all cores are busy
+PATIENCE_S = 200.0  # for actions of a second or two, longer where all cores are busy
 
 
 def wait_for(condition: Callable[[], Any], what: str, patience_s: float = PATIENCE_S) -> Any:
-    """Wait until a condition holds, and return what it gives."""
+    """Wait until a condition holds, and return its value."""
     end = time.monotonic() + patience_s
     while not (found := condition()):
         assert time.monotonic() < end, f"waited in vain for {what}"
@@ -47,7 +47,7 @@ def options(**changes: Any) -> RunOptions:
 
 @dataclass
 class Driven:
-    """A monitor that goes on from what a folder holds, without a loop: its clock goes as far as it is told to."""
+    """A monitor that continues from the recordings in a folder, without a loop: the test advances its clock."""
 
     folder: Path
     of_wheel: Wheel = field(default_factory=wheel)

@@ -105,7 +105,7 @@ def packets_of(samples: Samples, apid: int, first_count: int = 0) -> Iterator[by
 
 
 def _raw(entry: _Field, values: FloatArray) -> FloatArray:
-    """Return what stands in the packets for the values of a channel, NaN where one is not known."""
+    """Return the raw values of a channel as in the packets, NaN where a value is not known."""
     if entry.kind == ">f4":
         return values
     return np.asarray(np.rint((values - entry.offset) / entry.resolution))

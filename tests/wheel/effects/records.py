@@ -1,4 +1,4 @@
-"""Records on which the effects are tried: a rich motion with every channel, no noise in the channels."""
+"""Records for tests of the effects: a rich motion with every channel, without noise."""
 
 from dataclasses import fields, replace
 
