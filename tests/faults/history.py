@@ -17,9 +17,9 @@ from tests.monitor.support import wheel as wheel_of
 WINDOW: Final = 2_000
 PERIOD_NS: Final = 125_000_000
 HISTORY_MESSAGES: Final = 8_192
-SHORT_HISTORY: Final = 4  # messages that a publisher keeps where an outage is to outlast it
+SHORT_HISTORY: Final = 4  # messages that a publisher keeps where an outage is to outlast its history
 
-# What can happen while messages flow, and what it is; after these a recovery can get everything.
+# Faults while messages are sent, with descriptions; after these everything can be recovered.
 RECOVERABLE: Final = {
     "kill_monitor": "the monitor is killed (SIGKILL) at any moment and started again",
     "restart_monitor": "the monitor is stopped in order (SIGTERM) and started again",
@@ -40,14 +40,14 @@ RECOVERABLE: Final = {
     "bad_data": "a sensor that hangs, spikes, a wrong unit, dropouts, values not measured, flipped bits of values",
     "second_wheel": "a second wheel appears and vanishes",
 }
-# After these it cannot.
+# After these something is lost.
 LOSING: Final = {
     "outage_beyond_history": "an outage that lasts longer than the publisher's history (loses samples)",
     "publisher_dies_in_outage": "the publisher and its history die during an outage (loses samples)",
     "flipped_recording": "the monitor is killed; a bit of its recording flips before it starts again (loses samples)",
 }
 LOSING_SHARE: Final = 0.16  # of all histories
-# Faults that take something away for a while, one after the other; the others lie in the messages or in the settings.
+# Faults that interrupt a process or link for a while, one after the other; the others are in messages or settings.
 TAKING: Final = frozenset(
     {
         "kill_monitor",
@@ -67,7 +67,7 @@ NEEDS_ROOT: Final = frozenset({"disk_full"})
 QUIET_BEGINNING: Final = 14
 INTRUDING_MESSAGES: Final = 6
 MAX_DELAY_S: Final = 1.6
-LEAST_AFTER: Final = 12  # messages that follow the last fault: enough for a restarted publisher to be believed
+LEAST_AFTER: Final = 12  # messages that follow the last fault: enough for a restarted publisher to be accepted
 
 
 @dataclass(frozen=True, slots=True)
@@ -104,11 +104,11 @@ class History:
     kinds
         Names of all faults, those of the data included.
     sent
-        Samples by key, in order, that the diagnosis must be of.
+        Samples by key, in order, that must be diagnosed.
     garbage
         Payloads that cannot be read.
     kept
-        Messages that a publisher keeps for whoever missed them.
+        Number of messages that a publisher keeps for subscribers that missed them.
     """
 
     puts: tuple[Put, ...]
@@ -192,7 +192,7 @@ class _Maker:
             samples = spoiled(samples, int(self.rng.integers(2**31)))
             speed, friction = samples.speed_rad_s.copy(), samples.friction_torque_Nm.copy()
             start = int(self.rng.integers(0, len(samples) - 200))
-            friction[start : start + 100] = friction[start]  # a sensor that hangs
+            friction[start : start + 100] = friction[start]  # a stuck sensor
             friction[self.rng.integers(0, len(samples), 5)] *= 40.0  # spikes
             flipped = self.rng.integers(0, len(samples), 5)  # any bit but the two that make it no number
             friction.view(np.int64)[flipped] ^= np.int64(1) << self.rng.integers(0, 62, 5)
@@ -201,7 +201,7 @@ class _Maker:
         time_ns = samples.time_ns + 1_700_000_000_000_000_000
         if "clock_step" in self.kinds:
             at = int(self.rng.integers(200, len(samples) - 200))
-            # A restart with the clock set back takes longer to be believed than a history lasts.
+            # A restart with the clock set back takes longer to be accepted than a history lasts.
             back = "restart_publisher" not in self.kinds and self.rng.random() < 0.5
             time_ns[at:] += (-1 if back else 1) * int(self.rng.integers(WINDOW + 300, 9 * WINDOW)) * PERIOD_NS
         if "wild_times" in self.kinds:
@@ -250,7 +250,7 @@ class _Maker:
         return named
 
     def _trouble(self, groups: list[list[Put]]) -> None:
-        """Send some messages twice, out of order, and what is no message at all."""
+        """Send some messages twice, some out of order, and some invalid payloads."""
         places = np.arange(2, len(groups) - LEAST_AFTER)
         if "reorder" in self.kinds:
             for at in self.rng.choice(places[places % 4 == 0], 3, replace=False):
@@ -290,7 +290,7 @@ def _of_publisher(payload: bytes, name: str, number: int) -> bytes:
 
 
 def _flat(groups: list[list[Put]], faults: tuple[Fault, ...]) -> tuple[tuple[Put, ...], tuple[Fault, ...]]:
-    """Return all messages in one row, and the faults with the places that they have there."""
+    """Return all messages as one sequence, and the faults with their positions in it."""
     places = np.concatenate(([0], np.cumsum([len(group) for group in groups])))
     moved = tuple(replace(fault, at=int(places[fault.at]), until=int(places[fault.until])) for fault in faults)
     return tuple(put for group in groups for put in group), moved

@@ -5,7 +5,7 @@
                      listener (this process)
 
 The link is a proxy that can be cut or frozen. Processes are forked from a server that has imported everything
-and has no session: they start in a tenth of a second and die like any other.
+and has no session: they start in a tenth of a second and can be killed like any other.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ from tests.faults.history import Put, wheel
 from tests.monitor.processes import PATIENCE_S, wait_for
 from tests.monitor.support import free_port, model
 
-LEASE_MS: Final = 1_000  # a peer that is silent for longer is given up: pauses and outages last up to 1.6 s
+LEASE_MS: Final = 1_000  # a peer that is silent for longer is disconnected: pauses and outages last up to 1.6 s
 TMPFS_BYTES: Final = 80 * 2**20  # the recorder leaves 64 MiB to others
 processes = get_context("forkserver")
 processes.set_forkserver_preload(["tests.faults.preload"])
@@ -80,7 +80,7 @@ def publisher_process(config: Path, port: int, kept: int, connection: Connection
 
 
 def _plain_publisher(session: zenoh.Session, key: str) -> Any:
-    """Return a publisher that keeps nothing for others, when somebody listens to it."""
+    """Return a publisher without history, once it has a subscriber."""
     publisher = session.declare_publisher(key, congestion_control=zenoh.CongestionControl.BLOCK)
     wait_for(lambda: publisher.matching_status.matching, "somebody who listens")
     return publisher
@@ -184,7 +184,7 @@ class Rig:
     flipped
         The recording in which a bit was flipped, None while there is none.
     heard
-        What the monitor published, by kind and wheel, in the order in which it was received.
+        Messages of the monitor by kind and wheel, in the order of their receipt.
     """
 
     def __init__(self, folder: Path, kept: int, *, small_disk: bool, small_files: bool) -> None:
@@ -207,7 +207,7 @@ class Rig:
         self.router: BaseProcess | None = None
         self.publisher: BaseProcess | None = None
         self.monitor: BaseProcess | None = None
-        self._said_before = 0  # bytes of talk before the present monitor
+        self._said_before = 0  # bytes logged before the present monitor started
         self._publisher_end: Connection | None = None
         self._router_end: Connection | None = None
 
@@ -283,7 +283,7 @@ class Rig:
         return self.monitor.exitcode, time.monotonic() - begin_s
 
     def _monitoring(self) -> bool:
-        """Return whether the present monitor has reported that it monitors: from then on it heeds signals."""
+        """Return whether the present monitor has reported that it monitors: from then on it handles signals."""
         return b"monitoring" in self.log.read_bytes()[self._said_before :]
 
     def put(self, put: Put) -> None:
@@ -335,7 +335,7 @@ class Rig:
 
 
 def _zenoh_settings() -> dict[str, Any]:
-    """Return Zenoh settings that notice and mend an outage in a second, so that histories are short."""
+    """Return Zenoh settings that detect and repair an outage within a second, so that histories are short."""
     return {
         "connect": {
             "timeout_ms": -1,

@@ -22,7 +22,7 @@ NAMES: Final = ("monitor", "monitor_2", "dashboard", "simulated.wheel_1", "simul
 def make_certificates(folder: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
     """Run the script that is shipped."""
     command = [str(DOCKER / "make_certificates.sh"), *arguments[:-1], str(folder), *arguments[-1].split()]
-    # In a language that every machine has: bash warns of one that is not installed.
+    # In a locale that every machine has: bash warns of one that is not installed.
     environment = {**os.environ, "LC_ALL": "C"}
     return subprocess.run(command, capture_output=True, text=True, check=False, env=environment)
 
@@ -53,13 +53,13 @@ def router(own: Path, scratch: Path) -> Iterator[int]:
 
 
 def leaf(own: Path, port: int, scratch: Path, **changes: str) -> BusOptions:
-    """Return how somebody with the certificate in `own` joins the bus, by the shipped client configuration."""
+    """Return the bus options of a client with the certificate in `own`, by the shipped client configuration."""
     config = configured("client.json5", own, scratch / f"{own.parent.name}-{own.name}-{port}.json5", **changes)
     return BusOptions(config=config, connect=(f"tls/localhost:{port}",))
 
 
 def issued(authority: Path, folder: Path, name: str, **terms: object) -> Path:
-    """Make a folder with a certificate for `name` on other terms (expired, …), signed by an authority's own key."""
+    """Make a folder with a certificate for `name` on other terms (expired, …), signed with an authority's key."""
     folder.mkdir()
     ca = trustme.CA.from_pem((authority / "ca.pem").read_bytes(), (authority / "ca.key").read_bytes())
     certificate = ca.issue_cert("localhost", common_name=name, **terms)  # type: ignore[arg-type]

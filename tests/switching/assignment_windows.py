@@ -1,4 +1,4 @@
-"""Windows for the tests of stage 3, made fast: level plus noise; candidates are the truth and false ones."""
+"""Quickly made windows for the tests of stage 3: level plus noise, with true and false candidates."""
 
 from dataclasses import dataclass
 
@@ -20,7 +20,7 @@ NO_STRUCTURE = Structure(np.zeros(0), np.zeros((4, 0)), np.zeros((0, 2 * MAX_HAR
 
 
 def sums_of(x: FloatArray, z: FloatArray, used: np.ndarray | None = None) -> RunningSums:
-    """Running sums of samples that are all there."""
+    """Running sums of the samples; without `used`, all are used."""
     sums = RunningSums(x, z, np.ones(x.size, dtype=np.bool_) if used is None else used)
     extend_sums(sums.arrays, sums.running, 0, x.size)
     sums.slots = x.size
@@ -136,7 +136,7 @@ class Sizes:
 
 @dataclass(frozen=True)
 class Problem:
-    """All that the score of a path depends on, by parts; without `sizes` these do not count."""
+    """Inputs of the score of a path; without `sizes` the sizes of jumps do not count."""
 
     fit: FloatArray
     durations: DurationLikelihoods
@@ -154,7 +154,7 @@ class Problem:
     def scores(self) -> Scores:
         durations, sizes, count = self.durations, self.sizes, self.signs.shape[0]
         none = np.zeros(durations.turn.shape[:2])
-        # Measured so badly that no size shows anything: each has the density that the fits assume.
+        # Such uncertain sizes that none is informative: each has the density that the fits assume.
         sizes = sizes or Sizes(np.zeros(count), np.full(count, 1e30), none, none, 0.5 * np.log(2e30 * np.pi), 1.0)
         return Scores(
             fit=self.fit,
@@ -183,7 +183,7 @@ def random_problem(
     """A window with random candidates and levels; without `rare` events, no missed jump and no two at once."""
     index = np.sort(rng.choice(np.arange(1, SLOTS), size=candidates, replace=False)).astype(np.int64)
     nodes = np.concatenate([[0], index, [SLOTS]])
-    # Fits like those of real levels: merging true levels is dear, merging equal ones is cheap.
+    # Fits like those of real levels: merging different levels is costly, merging equal ones is not.
     level = np.cumsum(rng.choice([-0.5, 0.0, 0.5], size=candidates + 1) + 0.02 * rng.standard_normal(candidates + 1))
     length = np.diff(nodes)
     fit = np.zeros((candidates + 2, candidates + 2))

@@ -1,4 +1,4 @@
-"""What the tests of ROS 2 bags share: a bag written with the library's own writer, types as ROS 2 describes them."""
+"""Helpers of the tests of ROS 2 bags: a bag written with the library's own writer, types as ROS 2 describes them."""
 
 from pathlib import Path
 from typing import Any
@@ -55,7 +55,7 @@ speed_rad_s = { topic = "/joint_states", field = "velocity", joint = "wheel_1" }
 
 
 def map_of(samples: Samples) -> str:
-    """Return the map of the channels that there are."""
+    """Return the map of the channels present in the samples."""
     there = {name for name, _ in samples.channels()}
     return "\n".join(line for line in MAP.splitlines() if " = {" not in line or line.split(" = ")[0] in there)
 

@@ -1,4 +1,4 @@
-"""What the tests of space packets share: packets made with spacepackets and struct, and another definition."""
+"""Helpers of the tests of space packets: packets made with spacepackets and struct, and another definition."""
 
 import struct
 from datetime import UTC, datetime, timedelta
@@ -47,7 +47,7 @@ def with_xtce(old: str, new: str) -> Decoding:
     return Decoding(plain.map, TextFile("x.xml", plain.xtce.text.replace(old, new, 1)))
 
 
-# A second definition, of another house: PUS-like time (CDS: days since 1958, milliseconds of the day), rpm, ADC counts.
+# Second definition, by another vendor: PUS-like time (CDS: days since 1958, milliseconds of the day), rpm, ADC counts.
 CDS_XTCE = (Path(__file__).parent / "other_house.xtce.xml").read_text(encoding="utf-8")
 CDS_MAP = f"""
 [[wheel]]
