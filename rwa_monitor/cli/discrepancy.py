@@ -105,9 +105,9 @@ def discrepancy(
 def _search(samples: Named, held_out: Named, wheel: Wheel, wanted: ReportOptions, side_by_side: Mapper) -> Search:
     """Search the recordings, and add what else the report contains."""
     from rwa_monitor.discrepancy.bench import as_measured
-    from rwa_monitor.discrepancy.extended import viscous_in_question
+    from rwa_monitor.discrepancy.extended import speed_unit_question
     from rwa_monitor.discrepancy.find import find_discrepancy, with_search_again
-    from rwa_monitor.discrepancy.plausible import remarks, shown_constants
+    from rwa_monitor.discrepancy.plausible import measured_constants, remarks
 
     cli.log(*as_measured([*samples, *held_out], wheel).notes)
     with cli.status_line("searching") as progress:
@@ -116,9 +116,9 @@ def _search(samples: Named, held_out: Named, wheel: Wheel, wanted: ReportOptions
         found = find_discrepancy(samples, wheel, progress, side_by_side, held_out)
         if wanted.search_again:
             found = with_search_again(found, samples, progress, side_by_side)
-        cli.log(viscous_in_question(found) or "")
+        cli.log(speed_unit_question(found) or "")
         for name, one in samples:
-            cli.log(*(f"{name}: {constant.in_words()}" for constant in shown_constants(one, found.wheel)))
+            cli.log(*(f"{name}: {constant.in_words()}" for constant in measured_constants(one, found.wheel)))
         if wanted.bootstrap:
             from rwa_monitor.discrepancy.p_values import with_bootstrap
 

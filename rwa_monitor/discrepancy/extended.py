@@ -17,7 +17,7 @@ import numpy as np
 from rwa_monitor.discrepancy.base_fit import remove_levels, segment_starts
 from rwa_monitor.discrepancy.found_effects import spread
 from rwa_monitor.discrepancy.own_jumps import OwnJumps
-from rwa_monitor.discrepancy.plausible import Shown, slope_in_question
+from rwa_monitor.discrepancy.plausible import ImpliedValue, ask_speed_unit
 from rwa_monitor.discrepancy.problem import Problem
 from rwa_monitor.discrepancy.record import temperature_range
 from rwa_monitor.discrepancy.result import Search, simulated_gain
@@ -181,12 +181,12 @@ def base_law(problem: Problem, model: Model) -> BaseLaw:
     return BaseLaw(dry, viscous, spread(problem, model).viscous, viscous <= problem.lowest_viscous, speed)
 
 
-def viscous_in_question(search: Search) -> str | None:
+def speed_unit_question(search: Search) -> str | None:
     """Ask about the unit of the speed if the fitted viscous friction is the wheel file's in another unit; else None."""
     if search.wheel.nominal is None:
         return None
     law = base_law(search.problem, search.base)
-    return slope_in_question(Shown(law.viscous_Nm_s_rad, law.viscous_std), search.wheel.nominal.viscous_Nm_s_rad)
+    return ask_speed_unit(ImpliedValue(law.viscous_Nm_s_rad, law.viscous_std), search.wheel.nominal.viscous_Nm_s_rad)
 
 
 def laws_in_words(extension: Extension) -> list[str]:

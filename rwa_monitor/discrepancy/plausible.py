@@ -180,7 +180,7 @@ MILLI: Final = 1e3
 
 
 @dataclass(frozen=True, slots=True)
-class Shown:
+class ImpliedValue:
     """A coefficient that the channels imply, and its standard deviation: an inertia [kg m²], or a slope [N m s/rad]."""
 
     value: float
@@ -193,7 +193,7 @@ class Shown:
         return known and abs(self.value - expected) < max(SAME_WITHIN * expected, within)
 
 
-def shown_inertia(speed_rad_s: FloatArray, torque_Nm: FloatArray, sample_period_s: float) -> Shown | None:
+def implied_inertia(speed_rad_s: FloatArray, torque_Nm: FloatArray, sample_period_s: float) -> ImpliedValue | None:
     """Return the inertia that speed and motor torque imply; None where too little of both is known.
 
     Parameters
@@ -214,7 +214,7 @@ def shown_inertia(speed_rad_s: FloatArray, torque_Nm: FloatArray, sample_period_
     duration = np.full(cuts.size - 1, width * sample_period_s)
     rows = np.column_stack([np.diff(speed_rad_s[cuts]), *drag, duration, impulses(torque_Nm)])
     rows = rows[np.isfinite(rows).all(axis=1)]
-    return Shown(*first_slope(rows[:, :-1], rows[:, -1])) if len(rows) >= FEWEST_STRETCHES else None
+    return ImpliedValue(*first_slope(rows[:, :-1], rows[:, -1])) if len(rows) >= FEWEST_STRETCHES else None
 
 
 def check_inertia(
@@ -225,7 +225,7 @@ def check_inertia(
     Parameters
     ----------
     speed_rad_s, torque_Nm
-        As for `shown_inertia`.
+        As for `implied_inertia`.
     wheel
         Its inertia and sample period.
     source, torque_channel
@@ -236,7 +236,7 @@ def check_inertia(
     InputError
         Names the unit in question.
     """
-    stated, shown = wheel.inertia_kg_m2, shown_inertia(speed_rad_s, torque_Nm, wheel.sample_period_s)
+    stated, shown = wheel.inertia_kg_m2, implied_inertia(speed_rad_s, torque_Nm, wheel.sample_period_s)
     if stated is None or shown is None:
         return
     of_torque = (MILLI, "in mA" if torque_channel.endswith("_A") else "in mN m")
@@ -250,7 +250,7 @@ def check_inertia(
             )
 
 
-def slope_in_question(viscous: Shown, nominal_Nm_s_rad: float) -> str | None:
+def ask_speed_unit(viscous: ImpliedValue, nominal_Nm_s_rad: float) -> str | None:
     """Ask about the unit of the speed if friction rises with it as nominal friction would in that unit; else None.
 
     Parameters
@@ -301,7 +301,7 @@ FURTHEST: Final = 0.5  # relative, from the wheel file: further off is another u
 
 
 @dataclass(frozen=True, slots=True)
-class ShownConstant:
+class MeasuredConstant:
     """A constant of the wheel file as a channel determines it.
 
     Attributes
@@ -310,7 +310,7 @@ class ShownConstant:
         Which constant.
     unit, stated
         Of the constant, and its value in the wheel file with its effects.
-    channel, shown, std
+    channel, measured, std
         The channel that determines it, the value from there, and the standard deviation of that by noise alone.
     """
 
@@ -318,36 +318,36 @@ class ShownConstant:
     unit: str
     stated: float
     channel: str
-    shown: float
+    measured: float
     std: float
 
     @property
     def is_used(self) -> bool:
         """Return whether it is near enough to the wheel file to be that constant."""
-        return abs(self.shown / self.stated - 1.0) < FURTHEST
+        return abs(self.measured / self.stated - 1.0) < FURTHEST
 
     @property
     def whole_std(self) -> float:
         """Return the standard deviation with the error of the sensor's gain."""
-        return float(np.hypot(self.std, GAIN_STD[self.channel] * self.shown))
+        return float(np.hypot(self.std, GAIN_STD[self.channel] * self.measured))
 
     @property
     def strength(self) -> tuple[float, float]:
         """Return the strength of the effect that is this error, and its standard deviation."""
         if self.quantity == "inertia":
-            return self.shown - self.stated, self.whole_std
-        return 1.0 - self.shown / self.stated, self.whole_std / self.stated
+            return self.measured - self.stated, self.whole_std
+        return 1.0 - self.measured / self.stated, self.whole_std / self.stated
 
     def in_words(self) -> str:
         """Return the constant in words."""
         words = (
-            f"{self.channel} shows a {self.quantity} of {self.shown:.4g} ± {self.whole_std:.1g} {self.unit},"
-            f" {self.shown / self.stated:.4g} times that of the wheel file"
+            f"{self.channel} shows a {self.quantity} of {self.measured:.4g} ± {self.whole_std:.1g} {self.unit},"
+            f" {self.measured / self.stated:.4g} times that of the wheel file"
         )
         return words if self.is_used else f"{words}: not used; is it in another unit, or of body and wheel together?"
 
 
-def shown_constants(samples: Samples, wheel: Wheel) -> tuple[ShownConstant, ...]:
+def measured_constants(samples: Samples, wheel: Wheel) -> tuple[MeasuredConstant, ...]:
     """Return the constants that the channels of a recording determine.
 
     Parameters
@@ -362,13 +362,13 @@ def shown_constants(samples: Samples, wheel: Wheel) -> tuple[ShownConstant, ...]
         known = np.isfinite(rows).all(axis=1) & np.isfinite(target)
         if np.count_nonzero(known) >= FEWEST_STRETCHES:
             shown, std = first_slope(rows[known], target[known])
-            found.append(ShownConstant(quantity, unit, stated, channel, shown, std))
+            found.append(MeasuredConstant(quantity, unit, stated, channel, shown, std))
     return tuple(found)
 
 
-def combined(per_record: Iterable[tuple[ShownConstant, ...]]) -> tuple[ShownConstant, ...]:
+def combined(per_record: Iterable[tuple[MeasuredConstant, ...]]) -> tuple[MeasuredConstant, ...]:
     """Return the constants that several recordings give, per channel: means by noise; the gain's error is in common."""
-    of_channel: dict[str, list[ShownConstant]] = {}
+    of_channel: dict[str, list[MeasuredConstant]] = {}
     for constants in per_record:
         for one in constants:
             if one.is_used:
@@ -376,9 +376,9 @@ def combined(per_record: Iterable[tuple[ShownConstant, ...]]) -> tuple[ShownCons
     together = []
     for several in of_channel.values():
         least = np.finfo(np.float64).eps  # a simulation may have no noise
-        weights = np.array([max(one.std, least * abs(one.shown)) ** -2.0 for one in several])
-        shown, std = float(weights @ [one.shown for one in several] / weights.sum()), float(weights.sum() ** -0.5)
-        together.append(replace(several[0], shown=shown, std=std))
+        weights = np.array([max(one.std, least * abs(one.measured)) ** -2.0 for one in several])
+        shown, std = float(weights @ [one.measured for one in several] / weights.sum()), float(weights.sum() ** -0.5)
+        together.append(replace(several[0], measured=shown, std=std))
     return tuple(together)
 
 

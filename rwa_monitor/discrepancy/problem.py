@@ -14,7 +14,7 @@ from typing import Any, Final, Protocol, TypeVar
 import numpy as np
 from scipy.ndimage import maximum_filter1d, median_filter
 
-from rwa_monitor.discrepancy.plausible import ShownConstant, combined
+from rwa_monitor.discrepancy.plausible import MeasuredConstant, combined
 from rwa_monitor.discrepancy.record import DIGITS, Record
 from rwa_monitor.samples import TINY, BoolArray, FloatArray, IntArray
 
@@ -255,9 +255,9 @@ class Problem:
         return float(self.z_measured.max(initial=0.0) - self.z_measured.min(initial=0.0)) or np.inf
 
     @cached_property
-    def shown(self) -> tuple[ShownConstant, ...]:
+    def measured_constants(self) -> tuple[MeasuredConstant, ...]:
         """Constants of the wheel file as estimated from channels that are independent of friction."""
-        return combined(record.shown for record in self.records)
+        return combined(record.measured_constants for record in self.records)
 
     @cached_property
     def gap(self) -> IntArray:

@@ -24,10 +24,10 @@ from rwa_monitor.discrepancy import alignment
 from rwa_monitor.discrepancy.bench import MAX_GAP_FACTOR, WINDOW_SHARE, is_even, with_turns
 from rwa_monitor.discrepancy.derived_friction import Motion, Steps, derived_friction, steps_of
 from rwa_monitor.discrepancy.plausible import (
-    ShownConstant,
+    MeasuredConstant,
     check_inertia,
     check_plausible,
-    shown_constants,
+    measured_constants,
     without_end_stops,
 )
 from rwa_monitor.errors import InputError
@@ -90,7 +90,7 @@ class Record:
     own_viscous_rad_s
         float64 (n,), the regressor of viscous friction, where the wheel's effects replace the speed by another one;
         None: the speed.
-    shown
+    measured_constants
         Constants of the wheel file as estimated from channels that are independent of friction.
     zone
         Dead zone of the speed readings; none of its samples is used.
@@ -115,7 +115,7 @@ class Record:
     steps: Steps | None = None
     friction_as_read_Nm: FloatArray | None = None
     own_viscous_rad_s: FloatArray | None = None
-    shown: tuple[ShownConstant, ...] = ()
+    measured_constants: tuple[MeasuredConstant, ...] = ()
     zone: ReadZone | None = None
     is_command: bool = False
     follows_noise: bool = True
@@ -208,7 +208,7 @@ def make_record(samples: Samples, wheel: Wheel, source: str, delay: alignment.De
         unfollowed_Nm=unfollowed,
         left_out=_left_out(measured, samples, read, motion.zone, corners, good & ~moving, moving & averaged, used),
         steps=motion.steps,
-        shown=shown_constants(samples, wheel),
+        measured_constants=measured_constants(samples, wheel),
         zone=motion.zone,
         is_command=not derived and _is_command(friction, seen),
         follows_noise=follows_noise,

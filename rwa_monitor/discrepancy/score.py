@@ -151,7 +151,7 @@ def constants_deviance(problem: Problem, terms: Sequence[Term], strengths: Float
     begins = np.cumsum([0, *(term.columns.shape[1] for term in terms)])
     errors = {term.effect.error_of: float(strengths[at]) for term, at in zip(terms, begins, strict=False)}
     total = 0.0
-    for shown in problem.shown:
+    for shown in problem.measured_constants:
         strength, std = shown.strength
         total += ((errors.get(shown.quantity, 0.0) - strength) / std) ** 2
     return total

@@ -17,7 +17,7 @@ import numpy as np
 
 from rwa_monitor.discrepancy.base_fit import Fit, remove_levels, segment_starts
 from rwa_monitor.discrepancy.bench import as_measured
-from rwa_monitor.discrepancy.plausible import Shown, first_slope, slope_in_question
+from rwa_monitor.discrepancy.plausible import ImpliedValue, ask_speed_unit, first_slope
 from rwa_monitor.discrepancy.problem import Problem
 from rwa_monitor.discrepancy.record import left_out_in_words, make_record
 from rwa_monitor.errors import InputError
@@ -154,7 +154,7 @@ def identify(recordings: Sequence[tuple[str, Samples]], start: Wheel, *, systems
         f"viscous {viscous:.5g} ± {viscous_std:.2g} N m s/rad, base dry {base:.5g} ± {dry_std:.2g} N m",
         f"noise {problem.noise.std:.3g} N m; the variance of a long mean is {inflation:.1f} times that of white noise",
     )
-    asked = start.nominal and slope_in_question(Shown(viscous, viscous_std), start.nominal.viscous_Nm_s_rad)
+    asked = start.nominal and ask_speed_unit(ImpliedValue(viscous, viscous_std), start.nominal.viscous_Nm_s_rad)
     warnings = [why for why in (*heat.notes, *drift, unnamed_jumps(problem, fitted.jumps, blocks), cause, asked) if why]
     return Learned(Wheel.from_tables(wheel.to_tables(), "learned wheel"), (*head, *notes, *warnings))
 

@@ -14,7 +14,7 @@ from rwa_monitor.discrepancy.bench import MEAN_OF_A_TURN, SCALED_ONLY, as_measur
 from rwa_monitor.discrepancy.extended import extended_wheel
 from rwa_monitor.discrepancy.find import find_discrepancy
 from rwa_monitor.discrepancy.hypotheses import NOT_COMMANDED
-from rwa_monitor.discrepancy.plausible import shown_inertia
+from rwa_monitor.discrepancy.plausible import implied_inertia
 from rwa_monitor.discrepancy.record import make_record
 from rwa_monitor.errors import InputError
 from rwa_monitor.identification.identify import identify
@@ -301,7 +301,7 @@ def test_behind_a_gear_inertia_friction_and_offset_are_the_wheels() -> None:
     assert search.extended.fit.coefficients[0] == pytest.approx(0.05, rel=0.01)
     assert search.extended.fit.level[[0, -1]] == pytest.approx([0.3, 0.5], rel=0.02)
     per_ampere = torque_per_ampere(table.motor_current_A, table.speed_rad_s, GEARED)
-    shown = shown_inertia(table.speed_rad_s, per_ampere * table.motor_current_A, 0.1)
+    shown = implied_inertia(table.speed_rad_s, per_ampere * table.motor_current_A, 0.1)
     assert shown.value == pytest.approx(5.0, rel=0.01)
 
 

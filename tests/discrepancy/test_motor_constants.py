@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from rwa_monitor.discrepancy.find import find_discrepancy
-from rwa_monitor.discrepancy.plausible import GAIN_STD, combined, shown_constants
+from rwa_monitor.discrepancy.plausible import GAIN_STD, combined, measured_constants
 from rwa_monitor.samples import Samples
 from rwa_monitor.simulation.motion import SpeedProfile
 from rwa_monitor.simulation.record import simulate
@@ -76,11 +76,11 @@ def test_each_channel_shows_its_constant_whatever_the_wheel_file_states(
     channel: str, inertia: float, torque_constant: float
 ) -> None:
     wheel = stated(inertia, torque_constant)
-    (shown,) = shown_constants(with_channels(measured(), channel), wheel)
+    (shown,) = measured_constants(with_channels(measured(), channel), wheel)
     of_file = inertia if shown.quantity == "inertia" else torque_constant
     assert shown.is_used
-    assert shown.shown / shown.stated * of_file == pytest.approx(1.0, abs=4e-3)  # 50 mW of noise on the power
-    assert abs(shown.shown / shown.stated * of_file - 1.0) < 5.0 * shown.whole_std / shown.shown
+    assert shown.measured / shown.stated * of_file == pytest.approx(1.0, abs=4e-3)  # 50 mW of noise on the power
+    assert abs(shown.measured / shown.stated * of_file - 1.0) < 5.0 * shown.whole_std / shown.measured
 
 
 @pytest.mark.parametrize("cause", WRONG)
@@ -104,24 +104,28 @@ def test_a_gain_that_is_off_as_far_as_it_may_be_names_nothing(gain: float) -> No
 def test_a_channel_without_a_value_is_none() -> None:
     nothing = np.full(SLOTS, np.nan)
     empty = replace(measured(), drive_power_W=nothing, motor_voltage_V=nothing, body_momentum_Nms=nothing)
-    assert shown_constants(empty, stated()) == ()
+    assert measured_constants(empty, stated()) == ()
 
 
 def test_what_several_recordings_show_is_the_same_in_any_order_and_no_surer_than_the_gain() -> None:
-    halves = [shown_constants(measured()[part], stated()) for part in (slice(0, SLOTS // 2), slice(SLOTS // 2, None))]
+    halves = [
+        measured_constants(measured()[part], stated()) for part in (slice(0, SLOTS // 2), slice(SLOTS // 2, None))
+    ]
     one, other = combined(halves), combined(reversed(halves))
     for a, b in zip(one, other, strict=True):
         assert a.channel == b.channel
-        assert a.shown == pytest.approx(b.shown, rel=1e-12)
+        assert a.measured == pytest.approx(b.measured, rel=1e-12)
         assert a.std < min(c.std for half in halves for c in half if c.channel == a.channel)
-        assert a.whole_std >= GAIN_STD[a.channel] * a.shown
+        assert a.whole_std >= GAIN_STD[a.channel] * a.measured
 
 
 def test_momentum_of_body_and_wheel_together_is_not_used_and_said() -> None:
     samples = measured()
     assert samples.body_momentum_Nms is not None
     whole = samples.body_momentum_Nms + stated().inertia_kg_m2 * samples.speed_rad_s
-    (shown,) = shown_constants(with_channels(replace(samples, body_momentum_Nms=whole), "body_momentum_Nms"), stated())
+    (shown,) = measured_constants(
+        with_channels(replace(samples, body_momentum_Nms=whole), "body_momentum_Nms"), stated()
+    )
     assert not shown.is_used
     assert "not used; is it in another unit, or of body and wheel together?" in shown.in_words()
     assert combined([(shown,)]) == ()
@@ -132,8 +136,8 @@ def test_an_error_that_the_wheel_file_has_already_is_no_contradiction() -> None:
     assert wheel.inertia_kg_m2 is not None
     error = EffectBlock(name="inertia_error", parameters={"strength_kg_m2": wheel.inertia_kg_m2 * 0.04 / 0.96})
     extended = wheel.model_copy(update={"effect": (error,)})
-    (shown,) = shown_constants(with_channels(measured(), "body_momentum_Nms"), extended)
-    assert shown.shown / shown.stated == pytest.approx(1.0, abs=2e-3)
+    (shown,) = measured_constants(with_channels(measured(), "body_momentum_Nms"), extended)
+    assert shown.measured / shown.stated == pytest.approx(1.0, abs=2e-3)
 
 
 def test_a_current_sensor_that_follows_the_bus_voltage_is_reported() -> None:
