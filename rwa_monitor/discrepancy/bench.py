@@ -30,7 +30,7 @@ UNEVEN_SHARE: Final = 0.1  # of the steps, above which a clock is uneven; fewer 
 FINEST: Final = 8  # slots in a median step; of closer rows that share a slot only the first is used
 LONGEST_BRIDGE: Final = 4.0  # median steps between two rows over which values are interpolated
 NEAR_PERIOD: Final = (0.8, 1.25)  # median step over the wheel's period, between which that period is kept
-STRETCH_SHARE: Final = 0.5  # of the longest segment without a lost sample: the longest window for dω/dt
+SEGMENT_SHARE: Final = 0.5  # of the longest segment without a lost sample: the longest window for dω/dt
 LOST: Final = 1.5  # median steps, above which a sample is lost
 WINDOW_SHARE: Final = 0.1  # of the recording: the longest window for dω/dt
 LEAST_HALF: Final = 2  # rows on each side from which dω/dt is estimated, at least
@@ -38,7 +38,7 @@ MOST_HALF: Final = 200  # rows on each side, at most
 MAX_GAP_FACTOR: Final = 4  # a record may hold at most this many slots per sample; sparser ones are wrong files
 BREAK: Final = 50.0  # times the running median of the steps, above which a step is a break
 STEPS_AROUND: Final = 11  # steps of that running median
-SHORTEST_STRETCH: Final = 16  # rows between two breaks; shorter segments carry no information on friction
+SHORTEST_SEGMENT: Final = 16  # rows between two breaks; shorter segments carry no information on friction
 ROWS_AT_ONCE: Final = 10_000  # rows whose windows are copied into one array: a few arrays of 32 MB at most
 WITHIN_A_TURN: Final = 1.001  # turns: the largest range of an angle that is wrapped to one turn
 LOST_SHARE: Final = 0.5  # of the turned angle, by which a measured one may differ; more means another shaft, or degrees
@@ -60,14 +60,14 @@ class Bench:
         With the sample period that fits them.
     notes
         One sentence for each change made to them.
-    noise_is_made
+    noise_is_correlated
         Whether the preparation autocorrelates the noise, by slopes over several rows or by linear interpolation.
     """
 
     recordings: list[tuple[str, Samples]]
     wheel: Wheel
     notes: list[str]
-    noise_is_made: bool = False
+    noise_is_correlated: bool = False
     held_out: list[tuple[str, Samples]] = field(default_factory=list)
 
 
@@ -114,7 +114,7 @@ def _with_short_window(recordings: Sequence[tuple[str, Samples]], wheel: Wheel) 
     derivative = wheel.friction.derivative
     longest_s = max((float(np.sum(_steps_s(samples))) for _, samples in recordings), default=np.inf)
     whole_s = max((_longest_complete_s(samples) for _, samples in recordings), default=np.inf)
-    most_s = min(WINDOW_SHARE * longest_s, STRETCH_SHARE * whole_s)
+    most_s = min(WINDOW_SHARE * longest_s, SEGMENT_SHARE * whole_s)
     if "window_s" in derivative.model_fields_set or derivative.window_s <= most_s:
         return wheel
     return with_window(wheel, most_s)
@@ -164,7 +164,7 @@ def _segments(recordings: Sequence[tuple[str, Samples]], wheel: Wheel) -> tuple[
         apart = sparse if is_even(samples.time_ns) else samples.friction_torque_Nm is None
         after = _breaks(steps) + 1 if apart else np.zeros(0, dtype=np.int64)
         parts = [samples[begin:end] for begin, end in pairwise([0, *after.tolist(), len(samples)])]
-        kept = [part for part in parts if len(part) >= SHORTEST_STRETCH]
+        kept = [part for part in parts if len(part) >= SHORTEST_SEGMENT]
         if not after.size or not kept:
             found.append((name, samples))
             continue
@@ -174,7 +174,7 @@ def _segments(recordings: Sequence[tuple[str, Samples]], wheel: Wheel) -> tuple[
             f" read as {counted(len(kept), 'recording')}"
         )
         if left := len(samples) - sum(map(len, kept)):
-            notes[-1] += f"; {counted(left, 'row')} in stretches of fewer than {SHORTEST_STRETCH} left out"
+            notes[-1] += f"; {counted(left, 'row')} in stretches of fewer than {SHORTEST_SEGMENT} left out"
     return found, notes
 
 

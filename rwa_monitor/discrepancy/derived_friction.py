@@ -44,19 +44,19 @@ class DerivedFriction:
     ----------
     friction_Nm
         float64 (n,), K_T·I - J·dω/dt [N m], NaN at corners of the speed and where a value is missing.
-    bent
+    corrected
         bool (n,), slots where the correction exceeds the noise, and their neighbours.
     corners
         Number of slots excluded as corners.
-    unfollowed_Nm
+    filter_error_Nm
         float64 (n,), to be added to the mean of the friction over the filter's window
         (`torque_balance.averaging_taps`), which is then free of the torque that the filter does not follow [N m].
     """
 
     friction_Nm: FloatArray
-    bent: BoolArray
+    corrected: BoolArray
     corners: int
-    unfollowed_Nm: FloatArray
+    filter_error_Nm: FloatArray
 
 
 def derived_friction(speed: FloatArray, torque: FloatArray, wheel: Wheel, torque_step: float) -> DerivedFriction:
@@ -107,10 +107,10 @@ def derived_friction(speed: FloatArray, torque: FloatArray, wheel: Wheel, torque
             hidden[ends] |= np.abs(friction[ends] - friction[inner]) > CORNER * sigma
     corners = int(np.count_nonzero(hidden & np.isfinite(friction)))
     friction[hidden] = np.nan
-    bent = binary_dilation(np.abs(bias) > sigma, iterations=CORNER_REACH)
+    corrected = binary_dilation(np.abs(bias) > sigma, iterations=CORNER_REACH)
     # The filter averages dω/dt over its window: with the torque averaged alike, both refer to the same interval.
     averaged = correlate1d(torque - friction, torque_balance.averaging_taps(wheel), mode="constant", cval=np.nan)
-    return DerivedFriction(friction, bent, corners, averaged - (torque - derived))
+    return DerivedFriction(friction, corrected, corners, averaged - (torque - derived))
 
 
 def _derivative_bias(speed: FloatArray, wheel: Wheel, reach: int) -> FloatArray:

@@ -27,7 +27,7 @@ from rwa_monitor.discrepancy.score import price, regressors
 from rwa_monitor.discrepancy.search import grow, prune, rank, search
 from rwa_monitor.discrepancy.terms import Found, Model, SearchResult, law_of
 from rwa_monitor.discrepancy.unexplained import (
-    BESIDE_SHARE,
+    LEAST_NAMED_SHARE,
     combined,
     explains_most,
     judge_leftover,
@@ -207,7 +207,7 @@ def _with_nearest(approach: Fitting, explained: Explained, known: Sequence[Model
     if simpler.score - best.score < least_gain(len(last.terms)):
         return left
     share = (simpler.fit.rss - best.fit.rss) / (simpler.fit.rss - explained.complete.fit.rss)
-    if share < BESIDE_SHARE:
+    if share < LEAST_NAMED_SHARE:
         return left
     return left.model_copy(update={"nearest": NearestEffect(effect=best.names[-1], share=share)})
 

@@ -17,7 +17,7 @@ from rwa_monitor.discrepancy.explanation import FEWEST_FOR_JUMPS, Explained, exp
 from rwa_monitor.discrepancy.extended import extend
 from rwa_monitor.discrepancy.fitting import Progress
 from rwa_monitor.discrepancy.found_effects import found_delay, found_effect, found_zone, joined
-from rwa_monitor.discrepancy.hypotheses import NOT_COMMANDED, can_show, candidates, speed_is_constant, untested
+from rwa_monitor.discrepancy.hypotheses import NOT_COMMANDED, candidates, is_observable, speed_is_constant, untested
 from rwa_monitor.discrepancy.jump_terms import DelayTerm
 from rwa_monitor.discrepancy.noise_effects import noise_effects
 from rwa_monitor.discrepancy.problem import Mapper, Problem, in_turn
@@ -27,7 +27,7 @@ from rwa_monitor.discrepancy.result import DiscrepancyResult, FoundEffect, Searc
 from rwa_monitor.discrepancy.score import BLOCKS, HeldOut, held_out, on_other_recordings, scored
 from rwa_monitor.discrepancy.switching_effects import switching_effects
 from rwa_monitor.discrepancy.terms import Model
-from rwa_monitor.discrepancy.unexplained import combined, wandering
+from rwa_monitor.discrepancy.unexplained import combined, slow_drag
 from rwa_monitor.messages import Gain, SearchedAgain, Unexplained
 from rwa_monitor.samples import Samples
 from rwa_monitor.wheel.effects.catalogue import NOISE_EFFECTS, effect_class
@@ -77,8 +77,8 @@ def find_discrepancy(
     left = delay is None or delay.late_slots == delay.slots != 0
     missing = [effect for effect in candidates(wheel) if effect is not DelayTerm or left]
     silent = lost_without_motor(missing, wheel, problem.records[0].channels)
-    tried = [effect for effect in missing if effect.name not in silent and can_show(problem, effect)]
-    no_noise = MORE_SAMPLES if problem.size < FEWEST_FOR_JUMPS else EVEN_CLOCK if bench.noise_is_made else None
+    tried = [effect for effect in missing if effect.name not in silent and is_observable(problem, effect)]
+    no_noise = MORE_SAMPLES if problem.size < FEWEST_FOR_JUMPS else EVEN_CLOCK if bench.noise_is_correlated else None
     no_noise = NOT_COMMANDED if problem.is_command else no_noise
     if no_noise is not None:
         silent |= dict.fromkeys(NOISE_EFFECTS, no_noise)
@@ -198,7 +198,7 @@ def _noise_and_jumps(explained: Explained, wheel: Wheel, *, with_noise: bool) ->
     if with_noise:
         by_law = not explained.jumps and not problem.friction_is_derived
         others += noise_effects(problem, complete, in_band=in_band, by_law=by_law)
-        drift = wandering(problem, complete)
+        drift = slow_drag(problem, complete)
     if explained.leftover is None and drift is None and explained.jumps:
         others += switching_effects(problem, complete, wheel, in_band)
     if cage is not None:

@@ -35,7 +35,7 @@ def candidates(wheel: Wheel) -> list[type[MeanEffect]]:
     return [effect for effect in CANDIDATES if effect.name not in known]
 
 
-def can_show(problem: Problem, effect: type[MeanEffect]) -> bool:
+def is_observable(problem: Problem, effect: type[MeanEffect]) -> bool:
     """Return whether an effect is observable: derived friction at constant speed does not show effects of motion.
 
     There the speed varies by its noise alone, which derived friction contains, too: it would mimic such an effect.

@@ -108,7 +108,7 @@ class NoiseLaw:
         law that explains the same is preferred.
         """
         parameters = 2 * (self.correlation > 0.0) + (self.growth != 0.0) + (self.slew > 0.0) + (self.level_spread > 0.0)
-        return float(np.log(size)) * parameters + ACCEPT_GAIN * (self.wanders(size) + (self.slew > 0.0))
+        return float(np.log(size)) * parameters + ACCEPT_GAIN * (self.is_drift(size) + (self.slew > 0.0))
 
     def of_means(self, width: int) -> NoiseLaw:
         """Return the law of means over `width` slots; only the share of white noise changes."""
@@ -117,7 +117,7 @@ class NoiseLaw:
         white = self.white / width
         return replace(self, white=white / (white + correlated))
 
-    def wanders(self, size: int) -> bool:
+    def is_drift(self, size: int) -> bool:
         """Return whether, in `size` samples, the AR(1) part counts as a drifting level instead of noise."""
         return self.correlation > 0.0 and size * (1.0 - self.correlation) < FEWEST_MEMORIES
 
@@ -147,7 +147,7 @@ class Series:
         `Problem`.
     top_speed
         Speed |ω| to which `NoiseLaw.growth` refers [rad/s]; 0: the largest of these samples.
-    may_wander
+    may_drift
         Whether the level may drift: not where friction was commanded, as all noise is then in the speed.
     """
 
@@ -160,7 +160,7 @@ class Series:
     smallest_variance: float = 0.0
     memory: float = 1.0
     top_speed: float = 0.0
-    may_wander: bool = True
+    may_drift: bool = True
 
     @classmethod
     def of(cls, problem: Problem, jumps: IntArray = NO_JUMPS) -> Self:
@@ -174,7 +174,7 @@ class Series:
             jumps,
             problem.smallest_noise_Nm**2,
             problem.memory,
-            may_wander=all(record.follows_noise for record in problem.records),
+            may_drift=all(record.follows_noise for record in problem.records),
         )
 
     @property
@@ -187,7 +187,7 @@ class Series:
         """Return whether a level jumps within a recording."""
         return bool(self.gap[self.jumps].any())
 
-    def in_part(self) -> Series:
+    def subsampled(self) -> Series:
         """Return evenly spaced segments of a long recording: they suffice to fit the law of the noise."""
         if self.size <= ENOUGH or self.several:
             return self
@@ -386,7 +386,7 @@ def fit_noise(
     def refitted(one: _NoiseFit) -> _NoiseFit:
         """Fit the noise to the residual of the coefficients, then the coefficients under that noise."""
         left = replace(series, friction=series.friction - one.coefficients @ rows)
-        return under(_fitted_noise_law(left.in_part(), one.law, again))
+        return under(_fitted_noise_law(left.subsampled(), one.law, again))
 
     plain = NoiseLaw(level_spread=start.level_spread)
     starts = [under(start)]
@@ -454,7 +454,7 @@ def _fit_ar1(score: Score, other: NoiseLaw, start: NoiseLaw, series: Series, aga
 
     border = float(special.logit(1.0 - FEWEST_MEMORIES / max(series.size, 2.0 * FEWEST_MEMORIES)))
     noise = SHORTEST_MEMORY, min(border, LONGEST_MEMORY) - BESIDE
-    drifting = min(border, LONGEST_MEMORY) + BESIDE, LONGEST_MEMORY if series.may_wander else -np.inf
+    drifting = min(border, LONGEST_MEMORY) + BESIDE, LONGEST_MEMORY if series.may_drift else -np.inf
     tries = [*((at, noise) for at in COLOURS), ((0.0, LONG_LOGIT), drifting)]
     if start.correlation > 0.0:
         at = float(special.logit(start.white)), float(special.logit(start.correlation))

@@ -172,7 +172,7 @@ def views_of(problem: Problem, model: Model, *, turns: bool = True) -> list[_Vie
     for record, residual, begin, end in zip(
         problem.records, residuals, problem.starts[:-1], problem.starts[1:], strict=True
     ):
-        good = record.used if record.bent is None else record.used & ~record.bent
+        good = record.used if record.corrected is None else record.used & ~record.corrected
         # A few far outliers are sojourns too short to be segmented; many are heavy tails.
         outlier = good & (np.abs(np.nan_to_num(residual)) > OUTLIER_AT * problem.noise.std)
         good = good & ~outlier if np.count_nonzero(outlier) <= FEW_OUTLIERS else good.copy()
@@ -181,9 +181,9 @@ def views_of(problem: Problem, model: Model, *, turns: bool = True) -> list[_Vie
             at = int(problem.slot[jump])
             good[max(at - AROUND_JUMPS, 0) : at + AROUND_JUMPS] = False
         averaged: FloatArray | None = None
-        if record.unfollowed_Nm is not None:
+        if record.filter_error_Nm is not None:
             known = np.where(good, residual, np.nan)
-            averaged = record.unfollowed_Nm + correlate1d(known, problem.averaging_taps, mode="constant", cval=np.nan)
+            averaged = record.filter_error_Nm + correlate1d(known, problem.averaging_taps, mode="constant", cval=np.nan)
         views.append(_View(residual, record.channels, good, record.friction_is_derived, averaged))
     return views
 

@@ -75,10 +75,10 @@ class Record:
         explained. None where there is no motor torque.
     angle_drift_rad
         float64 (n,), angle minus the integral of the measured speed [rad]; None where it is not observable.
-    bent
+    corrected
         bool (n,), slots where derived friction was corrected by more than its noise, so that the remaining error there
         is not noise; None where friction is given.
-    derivative_slots, unfollowed_Nm
+    derivative_slots, filter_error_Nm
         Width of the filter with which friction is derived, 0 where it is given; and the torque that this filter does
         not follow, see `DerivedFriction`.
     left_out
@@ -108,9 +108,9 @@ class Record:
     speed_noise_rad_s: float
     accelerating_torque_Nm: FloatArray | None = None
     angle_drift_rad: FloatArray | None = None
-    bent: BoolArray | None = None
+    corrected: BoolArray | None = None
     derivative_slots: int = 0
-    unfollowed_Nm: FloatArray | None = None
+    filter_error_Nm: FloatArray | None = None
     left_out: Mapping[str, int] = field(default_factory=dict)
     steps: Steps | None = None
     friction_as_read_Nm: FloatArray | None = None
@@ -178,11 +178,11 @@ def make_record(samples: Samples, wheel: Wheel, source: str, delay: alignment.De
     if friction is not None and not follows_noise:
         speed = _smoothed_speed(speed, friction)
         motion = replace(motion, speed_rad_s=speed)
-    bent = unfollowed = None
+    corrected = error = None
     if friction is None:
         assert torque is not None, "there is a source"
         known = derived_friction(speed, torque, wheel, motion.torque_step_Nm)
-        friction, bent, corners, unfollowed = known.friction_Nm, known.bent, known.corners, known.unfollowed_Nm
+        friction, corrected, corners, error = known.friction_Nm, known.corrected, known.corners, known.filter_error_Nm
         hole = half_width(wheel.friction.derivative, wheel.sample_period_s)
     else:
         hole, corners = min(2, count // 8), 0
@@ -203,9 +203,9 @@ def make_record(samples: Samples, wheel: Wheel, source: str, delay: alignment.De
         friction_is_derived=derived,
         speed_noise_rad_s=noise,
         accelerating_torque_Nm=None if torque is None else _accelerating_torque(torque, friction, channels, wheel),
-        bent=bent,
+        corrected=corrected,
         derivative_slots=2 * hole + 1 if derived else 0,
-        unfollowed_Nm=unfollowed,
+        filter_error_Nm=error,
         left_out=_left_out(measured, samples, read, motion.zone, corners, good & ~moving, moving & averaged, used),
         steps=motion.steps,
         measured_constants=measured_constants(samples, wheel),

@@ -84,8 +84,8 @@ def grow(
         if not alternatives:
             break
         gain, least = current.score - alternatives[0].score, asked(named)
-        wanders = law_of(current).wanders(current.fit.residual.size)  # the noise law may absorb a missing effect
-        if gain < least and wanders:  # of two missing effects, each alone may gain too little
+        drifts = law_of(current).is_drift(current.fit.residual.size)  # the noise law may absorb a missing effect
+        if gain < least and drifts:  # of two missing effects, each alone may gain too little
             pairs = [pair for one in alternatives[:TRIED_IN_PAIRS] for pair in fitting.extensions(one, testable)]
             best = min(pairs, key=lambda pair: pair.score, default=current)
             if current.score - best.score >= asked(0) + asked(1):

@@ -25,7 +25,7 @@ from rwa_monitor.samples import TINY, FloatArray
 
 EXPLAINED_SHARE: Final = 0.7  # of a curve's gain: a law that gains so much with fewer parameters is kept
 NEARLY_ALL: Final = 0.9  # of the sum of squares that another model explains
-BESIDE_SHARE: Final = 0.1  # of an unnamed hypothesis's gain that a name found with it must reach: no law is exact
+LEAST_NAMED_SHARE: Final = 0.1  # of an unnamed hypothesis's gain that a name found with it must reach: no law is exact
 FEWEST_SAMPLES: Final = 4  # for each height of a curve: with fewer it follows the noise
 FEWEST_STEPS: Final = 6  # of the level: a jump or two too many is chance
 STEPS_TO_JUMPS: Final = 2.0  # ratio of small steps to jumps
@@ -129,7 +129,7 @@ def _fold(time_s: FloatArray, values: FloatArray, period_s: float) -> FloatArray
     return np.asarray(np.bincount(part, values, FOLD_BINS) / np.maximum(count, 1), dtype=np.float64)
 
 
-def wandering(problem: Problem, model: Model) -> Unexplained | None:
+def slow_drag(problem: Problem, model: Model) -> Unexplained | None:
     """Return the slow drag that the level follows in small steps or that stays in the residual; None without either.
 
     A switching system jumps, it does not creep: steps worth many times their penalty are jumps, and where most are not,
@@ -229,7 +229,7 @@ def without_unnamed(
         model = found.nested[-1]
         index = model.names.index(name)
         term, (entry,) = model.terms[index], [entry for entry in found.found if entry.name == name]
-        named = tuple(one for one in found.found if one is not entry and one.gain >= BESIDE_SHARE * entry.gain)
+        named = tuple(one for one in found.found if one is not entry and one.gain >= LEAST_NAMED_SHARE * entry.gain)
         terms = tuple(other for other in model.terms if other.effect.name in {one.name for one in named})
         reduced = fitting.refitted(terms, model) if terms else found.nested[0]
         assert issubclass(term.effect, UnnamedEffect)
