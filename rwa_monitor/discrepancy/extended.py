@@ -31,7 +31,7 @@ from rwa_monitor.wheel.wheel import EffectBlock, Nominal, Wheel
 
 Treatment = Literal["kept", "one speed", "shifted", "absent"]
 LOWEST_SHARE: Final = 0.05  # quantile of the level over samples that is the dry friction: the lowest lasting level
-LEAST_SHARE: Final = 1e-3  # of the file's coefficient: a shifted one is not less, since it must not vanish
+LEAST_OF_NOMINAL: Final = 1e-3  # of the file's coefficient: a shifted one is not less, since it must not vanish
 COMMENTS: Final[dict[Treatment, str]] = {
     "kept": "dry and viscous friction are the wheel file's: it holds the wheel without the effects",
     "one speed": "dry and viscous friction are the wheel file's: at one speed nothing separates them",
@@ -235,7 +235,7 @@ def _nominal(nominal: Nominal | None, before: BaseLaw, after: BaseLaw) -> tuple[
     unit = np.maximum(np.abs(known), TINY)
     if np.sum(((known - with_effects) / unit) ** 2) <= np.sum(((known - without_effects) / unit) ** 2):
         return nominal, "kept"
-    dry, viscous = np.maximum(known + with_effects - without_effects, LEAST_SHARE * known).tolist()
+    dry, viscous = np.maximum(known + with_effects - without_effects, LEAST_OF_NOMINAL * known).tolist()
     shifted = {"dry_torque_Nm": dry, "viscous_Nm_s_rad": viscous}
     unknown = {"dry_torque_std_Nm": None, "viscous_std_Nm_s_rad": None}
     return nominal.model_copy(update={**shifted, **unknown}), "shifted"

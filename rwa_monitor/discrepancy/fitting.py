@@ -39,18 +39,18 @@ Effects = Sequence[type[MeanEffect]]
 
 EQUIVALENT_WITHIN: Final = 10.0  # of the score: docs/theory.md, "Discrepancy search", step 4
 ANNEALING: Final = (8.0, 3.0, 1.0, 1.0)  # factors on the price of a jump, in turn
-STARTED: Final = 4  # best candidates of the screening from each start, which are fitted
-REFITTED: Final = 5  # best candidates after segmentation, whose shapes and noise are refitted
-LEAST_SHARE: Final = 0.25  # of the largest gain: with less, no candidate became the best by refitting shapes and noise
+CANDIDATES_FITTED: Final = 4  # best candidates of the screening from each start, which are fitted
+CANDIDATES_REFINED: Final = 5  # best candidates after segmentation, whose shapes and noise are refitted
+LEAST_GAIN_SHARE: Final = 0.25  # of the largest gain: with less, no candidate became the best by a refinement
 ROUNDS: Final = 4  # in which shapes, noise and jumps are fitted in turn
 SETTLED: Final = 0.5  # change of the score below which a fit has converged
 STEP: Final = 0.25  # of a column's range: a larger change from one sample to the next is a step
 AT_STEP: Final = 8  # samples: a jump so near to a step of a column may be the same event
 MOST_TRIED: Final = 60  # thresholds; fewer than twice as many where there are more jumps
 FEWEST_CROSSED: Final = 2  # jumps that a threshold must explain: a single one is no evidence
-WORSE: Final = 1.1  # of the sum of squares: in slow noise the right law may leave a few per cent more by chance
-COLOURED: Final = 0.5  # correlation of neighbouring samples from which noise is not taken as white
-CALMER: Final = 0.9  # of the long-run variance: below it, the residual of a model gives a new noise estimate
+MOST_RSS_RATIO: Final = 1.1  # of sums of squares: in slow noise the right law may leave a few per cent more by chance
+LEAST_CORRELATION: Final = 0.5  # correlation of neighbouring samples from which noise is not taken as white
+NOISE_UPDATE_RATIO: Final = 0.9  # of long-run variances: below it, the residual of a model gives a new noise estimate
 MOST_BLOCKS: Final = 8  # of ten: by chance alone, so many are better in about one case of twenty
 
 
@@ -80,7 +80,7 @@ class Fitting:
         jumps = off_reversals(problem, start.level + start.residual, start.jumps)
         base = with_exact_jumps(problem, scored(problem, Model((), replace(start, jumps=jumps))))
         memory = _ar1_coefficient(base.fit.residual)
-        if not problem.has_noise or memory < COLOURED:
+        if not problem.has_noise or memory < LEAST_CORRELATION:
             return base
         # Jumps hidden in autocorrelated noise lengthen its fitted memory: that of neighbours is tried, too.
         other = with_exact_jumps(problem, with_law(problem, base, NoiseLaw(white=0.0, correlation=memory)))
@@ -106,7 +106,7 @@ class Fitting:
         if not self.jumps:  # shapes and a law of several parameters settle slowly
             return min(model, self.refined(model), key=lambda one: one.score)
         calmer = with_noise_of(self.problem, model.fit.residual)
-        if calmer.noise.long_run_variance < CALMER * self.problem.noise.long_run_variance:
+        if calmer.noise.long_run_variance < NOISE_UPDATE_RATIO * self.problem.noise.long_run_variance:
             self.problem, self._known, self._replaced = calmer, {}, {}
         return model
 
@@ -204,15 +204,15 @@ class Fitting:
             if instead is not None:
                 most = 0.5 * (beside.criterion_with() + beside.criterion_with(instead))
             scores = self.problem.each(partial(profile, beside, current.fit.level), missing)
-            ranked = sorted(scores, key=lambda entry: entry[1])[:STARTED]
+            ranked = sorted(scores, key=lambda entry: entry[1])[:CANDIDATES_FITTED]
             tried += [(term, jumps) for term, score in ranked if score < most]
         for effect in missing:
             tried += self._at_thresholds(current, effect)
         started = self.problem.each(lambda entry: self._annealed((*current.terms, entry[0]), entry[1:], law), tried)
         if self.jumps:
-            started = _best_of_each(started)[:REFITTED]
+            started = _best_of_each(started)[:CANDIDATES_REFINED]
             gain = max((current.score - one.score for one in started), default=0.0)
-            started = [one for one in started if gain < 0.0 or current.score - one.score >= LEAST_SHARE * gain]
+            started = [one for one in started if gain < 0.0 or current.score - one.score >= LEAST_GAIN_SHARE * gain]
         refined = self.problem.each(lambda one: self._plainer_shape(self.refined(one)), started)
         possible = [one for one in refined if is_possible(one) and _fits_as_well(one, current)]
         return _best_of_each([one for one in possible if all_of_them or self.counts(one, current)])
@@ -342,12 +342,12 @@ def is_possible(model: Model) -> bool:
 
 
 def _fits_as_well(model: Model, current: Model) -> bool:
-    """Return whether a model has fewer jumps than the current one, or a sum of squares that is at most WORSE times its.
+    """Return whether a model has fewer jumps than the current one, or at most MOST_RSS_RATIO times its sum of squares.
 
     In noise of long correlation, the likelihood depends on the differences of neighbouring samples: a law may fit those
     and predict a slow friction that is not there.
     """
-    return model.fit.jumps.size < current.fit.jumps.size or model.fit.rss <= WORSE * current.fit.rss
+    return model.fit.jumps.size < current.fit.jumps.size or model.fit.rss <= MOST_RSS_RATIO * current.fit.rss
 
 
 def predicts(problem: Problem, model: Model, simpler: Model) -> bool:

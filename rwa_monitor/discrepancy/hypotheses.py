@@ -56,12 +56,12 @@ def speed_is_constant(problem: Problem) -> bool:
 
 
 KNOTS: Final = 12  # of a piecewise linear curve over the speed, of each kind
-NEAREST_REST: Final = 0.002  # quantile of the speeds: the slower ones are too few to identify anything
+SLOWEST_QUANTILE: Final = 0.002  # quantile of the speeds: the slower ones are too few to identify anything
 SPANNED: Final = 0.02  # of a column's energy outside the base law: below it, a curve over the speed spans the column
 LEAST_BEYOND: Final = 1e-5  # of its energy: noise of the speed and smoothing leave so much of a column that is spanned
-EXPLAINED_AWAY: Final = 1e-8  # of its energy: rounding leaves so much of a column that the base law spans
+SPANNED_EXACTLY: Final = 1e-8  # of its energy: rounding leaves so much of a column that the base law spans
 SLOW_WINDOWS: Final = 50  # in a record: smoothing the motion over one of them removes its noise
-LONGER: Final = 0.75  # of the range of each shape parameter: tried where its middle is not testable
+UPPER_SHAPE: Final = 0.75  # of the range of each shape parameter: tried where its middle is not testable
 NOT_COMMANDED: Final = "friction that is measured: here it is a ramp over time that was commanded"
 FOLLOWS_THE_SPEED: Final = "a motion in which it does not follow the speed: several sweeps, or dwells"
 
@@ -102,12 +102,12 @@ def split_testable(
         reason = missing_at(effect, shape)
         if reason is None or reason == NOT_COMMANDED or _is_law_of_speed(problem, effect, shape):
             return reason
-        return reason if missing_at(effect, middle_shape(problem, effect, LONGER)) else None
+        return reason if missing_at(effect, middle_shape(problem, effect, UPPER_SHAPE)) else None
 
     def missing_at(effect: type[MeanEffect], shape: dict[str, float]) -> str | None:
         """Return what the motion lacks to test an effect with a given shape; None where it is testable."""
         rows = make_term(problem, effect, shape, level).columns.T * series.sign
-        if _unspanned_energy(rows, known) <= EXPLAINED_AWAY * float(np.sum(rows**2)):
+        if _unspanned_energy(rows, known) <= SPANNED_EXACTLY * float(np.sum(rows**2)):
             # Dry friction is not negative: where its estimate is, an effect that drives the wheel is identifiable.
             return None if effect.may_drive and not problem.at_one_speed and level.max() <= 0.0 else effect.separate_by
         if problem.is_command and _is_law_of_time(problem, effect, shape):
@@ -135,7 +135,7 @@ def speed_curve(series: Series) -> FloatArray:
     the speed within fewer samples than lie between two quantiles.
     """
     speed = np.abs(series.speed)
-    low, high = np.quantile(speed, (NEAREST_REST, 1.0))
+    low, high = np.quantile(speed, (SLOWEST_QUANTILE, 1.0))
     ratios = np.geomspace(low, high, KNOTS) if low > 0.0 else speed[:0]
     knots = np.unique(np.concatenate([np.quantile(speed, np.linspace(0.0, 1.0, KNOTS)), ratios]))
     hats = np.stack([np.interp(speed, knots, height) for height in np.eye(knots.size)])

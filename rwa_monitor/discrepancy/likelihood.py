@@ -28,8 +28,8 @@ Score = Callable[["NoiseLaw"], float]
 FIRST_GAIN: Final = 11.5
 ACCEPT_GAIN: Final = 25.0  # the same of further effects: no law is exact, and the residual of one is more than chance
 FEWEST_MEMORIES: Final = 20.0  # correlation times in the data; noise with fewer is a level that drifts as a random walk
-ENOUGH: Final = 10_000  # samples, from which the law of the noise is known to some per cent
-STRETCHES: Final = 10  # segments of a long recording from which its noise is fitted
+NOISE_SAMPLES: Final = 10_000  # samples, from which the law of the noise is known to some per cent
+NOISE_SEGMENTS: Final = 10  # segments of a long recording from which its noise is fitted
 ROUNDS: Final = 4  # alternations of coefficients and noise, at most
 SETTLED: Final = 0.1  # change of the score at which alternation ends
 LEAST_PIVOT: Final = 1e-4  # of the Cholesky factor of regressors of length 1; below it too many digits are lost
@@ -42,11 +42,11 @@ LARGEST_GROWTH: Final = 4.6
 LARGEST_SPREAD: Final = 14.0
 LEVELS_APART: Final = 100.0  # initial `level_spread` of a fit
 SHORTEST_MEMORY: Final = -4.0  # logit of φ
-COLOURS: Final = ((0.0, 1.0), (-3.0, 0.0), (0.0, 4.0))  # initial logits of share and φ of a fit of the autocorrelation
-LONG_LOGIT: Final = 4.0  # initial logit of φ of the fit of a drifting level
-BESIDE: Final = 1e-6  # distance, in the logit of φ, from the border between noise and a drifting level
+NOISE_STARTS: Final = ((0.0, 1.0), (-3.0, 0.0), (0.0, 4.0))  # initial logits of share and φ of AR(1) noise
+DRIFT_START: Final = 4.0  # initial logit of φ of the fit of a drifting level
+BORDER_MARGIN: Final = 1e-6  # distance, in the logit of φ, from the border between noise and a drifting level
 DESCENT: Final = {"eps": 1e-3, "ftol": 1e-6, "gtol": 0.05}  # converges to some hundredths of the score
-NOTHING: Final[tuple[dict[str, float], ...]] = (  # values at which a parameter is not in use
+UNUSED_VALUES: Final[tuple[dict[str, float], ...]] = (  # values at which a parameter is not in use
     {"white": 1.0, "correlation": 0.0},
     {"growth": 0.0},
     {"slew": 0.0},
@@ -189,13 +189,13 @@ class Series:
 
     def subsampled(self) -> Series:
         """Return evenly spaced segments of a long recording: they suffice to fit the law of the noise."""
-        if self.size <= ENOUGH or self.several:
+        if self.size <= NOISE_SAMPLES or self.several:
             return self
-        begins = np.linspace(0, self.size - ENOUGH // STRETCHES, STRETCHES).astype(np.int64)
-        kept = (begins[:, None] + np.arange(ENOUGH // STRETCHES)).ravel()
+        begins = np.linspace(0, self.size - NOISE_SAMPLES // NOISE_SEGMENTS, NOISE_SEGMENTS).astype(np.int64)
+        kept = (begins[:, None] + np.arange(NOISE_SAMPLES // NOISE_SEGMENTS)).ravel()
         gap, is_jump = self.gap[kept], np.zeros(self.size, dtype=bool)
         is_jump[self.jumps] = is_jump[begins[1:]] = True
-        gap[:: ENOUGH // STRETCHES] = 0
+        gap[:: NOISE_SAMPLES // NOISE_SEGMENTS] = 0
         jumps = np.flatnonzero(is_jump[kept])
         return replace(
             self,
@@ -434,8 +434,8 @@ def _fitted_noise_law(series: Series, start: NoiseLaw, again: bool) -> NoiseLaw:
             try_out(*_fit_one(score, best, "slew", LARGEST_GROWTH, 0.0))
         if best.level_spread > 0.0:
             try_out(*_fit_one(score, best, "level_spread", LARGEST_SPREAD))
-        for nothing in NOTHING:  # a parameter that another one has replaced is removed
-            plainer = replace(best, **nothing)
+        for unused in UNUSED_VALUES:  # a parameter that another one has replaced is removed
+            plainer = replace(best, **unused)
             if plainer != best:
                 try_out(plainer, score(plainer))
         if (best.growth, best.slew, best.level_spread) == others:
@@ -453,9 +453,9 @@ def _fit_ar1(score: Score, other: NoiseLaw, start: NoiseLaw, series: Series, aga
         return replace(other, white=float(special.expit(at[0])), correlation=float(special.expit(at[1])))
 
     border = float(special.logit(1.0 - FEWEST_MEMORIES / max(series.size, 2.0 * FEWEST_MEMORIES)))
-    noise = SHORTEST_MEMORY, min(border, LONGEST_MEMORY) - BESIDE
-    drifting = min(border, LONGEST_MEMORY) + BESIDE, LONGEST_MEMORY if series.may_drift else -np.inf
-    tries = [*((at, noise) for at in COLOURS), ((0.0, LONG_LOGIT), drifting)]
+    noise = SHORTEST_MEMORY, min(border, LONGEST_MEMORY) - BORDER_MARGIN
+    drifting = min(border, LONGEST_MEMORY) + BORDER_MARGIN, LONGEST_MEMORY if series.may_drift else -np.inf
+    tries = [*((at, noise) for at in NOISE_STARTS), ((0.0, DRIFT_START), drifting)]
     if start.correlation > 0.0:
         at = float(special.logit(start.white)), float(special.logit(start.correlation))
         tries = [(at, box) for box in (noise, drifting) if not again or box[0] <= at[1] <= box[1]] or [(at, noise)]

@@ -18,7 +18,7 @@ from typing import ClassVar, Final
 import numpy as np
 
 from rwa_monitor.discrepancy.base_fit import JUMP_PENALTY, jump_price
-from rwa_monitor.discrepancy.fitting import LEAST_SHARE, Fitting, off_steps
+from rwa_monitor.discrepancy.fitting import LEAST_GAIN_SHARE, Fitting, off_steps
 from rwa_monitor.discrepancy.jump_terms import DecayingJumpTerm, JumpTerm
 from rwa_monitor.discrepancy.likelihood import ACCEPT_GAIN
 from rwa_monitor.discrepancy.problem import Problem
@@ -38,8 +38,8 @@ BLOCKS: Final = 3_000  # of a record, between which the segmentation may cut; ea
 SHORTEST_BLOCKS: Final = 3  # of a segment: shorter ones are blocks that contain a jump
 MOST_CHANGES: Final = 24  # more are a law of speed, not jumps
 HELD_OUT_BLOCKS: Final = 41  # so short that each slope occurs in blocks of both parities
-KNOWN: Final = 1e15  # times the largest energy: that of a multiple that is known exactly
-FORGOTTEN: Final = 1e-6  # of a relaxing jump: less counts as zero
+EXACT_ENERGY: Final = 1e15  # times the largest energy: that of a multiple that is known exactly
+DECAYED_SHARE: Final = 1e-6  # of a relaxing jump: less counts as zero
 RATIO: Final = 1.5  # between successive time constants that are tried
 
 
@@ -155,7 +155,7 @@ def _best_with(fitting: Fitting, model: Model, simpler: Model, bases: Sequence[_
         terms = [term for basis in bases if (term := _segmented(basis, start)) is not None]
         rough = [fitting.refitted_roughly((*start.terms, x), start, [off_steps(x, start.fit.jumps)]) for x in terms]
         best = min(rough, key=lambda one: one.score, default=start)
-        if start.score - best.score > LEAST_SHARE * max(start.score - model.score, 0.0):
+        if start.score - best.score > LEAST_GAIN_SHARE * max(start.score - model.score, 0.0):
             found.append(prune(fitting, fitting.refined(best), keep_last=True))
     return min(found, key=lambda one: one.score, default=None)
 
@@ -248,12 +248,12 @@ def _merged_changes(basis: _Basis, values: FloatArray, first: IntArray, price: f
     """
     n, x, z, xx, xz, _ = _sums(basis, values, first, values.size)
     energy, moment, keep = xx - x * x / n, xz - x * z / n, basis.keep(first)  # relative to each segment's beginning
-    known = KNOWN * energy.max()
+    known = EXACT_ENERGY * energy.max()
     if basis.relaxes:  # before the first jump there is nothing to relax
         first, keep = np.append(-1, first), np.append(0.0, keep)
         energy, moment = np.append(known, energy), np.append(0.0, moment)
     while first.size > 1:
-        vanished = keep < FORGOTTEN
+        vanished = keep < DECAYED_SHARE
         before = np.where(vanished, known, np.minimum(energy[:-1] / np.where(vanished, 1.0, keep**2), known))
         of_before = np.where(vanished, 0.0, moment[:-1] / np.where(vanished, 1.0, keep))
         both = before * energy[1:]

@@ -90,7 +90,7 @@ def remarks(samples: Samples, wheel: Wheel) -> list[str]:
 
 SATURATED_SHARE: Final = 0.2  # of the values at the ends of their range: more are too many to leave them out
 FEWEST_AT_END: Final = 20  # samples: fewer have no influence
-LEAST_SHARE: Final = 0.005
+LEAST_SHARE_AT_END: Final = 0.005
 NEIGHBOURS: Final = 33  # samples: two at the end stop are a share of 6 %, where noise is cut at 1.5 standard deviations
 DISTINCT_SHARE: Final = 0.5  # of the values between the ends that are distinct: a measurement with noise
 
@@ -116,7 +116,7 @@ def at_end_stop(values: FloatArray, speed: FloatArray | None = None) -> BoolArra
         return known if speed is not None and np.unique(speed).size > DISTINCT_SHARE * speed.size else stopped
     if np.unique(between).size < DISTINCT_SHARE * between.size:
         return stopped
-    fewest = max(FEWEST_AT_END, LEAST_SHARE * np.count_nonzero(known))
+    fewest = max(FEWEST_AT_END, LEAST_SHARE_AT_END * np.count_nonzero(known))
     return np.asarray(np.any([end & (np.count_nonzero(end) >= fewest) for end in ends], axis=0))
 
 
@@ -161,8 +161,8 @@ def _saturated(samples: Samples) -> Iterator[tuple[str, FloatArray, BoolArray]]:
 # slope over the speed implies the same, but a bearing may have changed: that raises a question, and is no refusal.
 
 
-FEWEST_STRETCHES: Final = 20  # segments
-STRETCHES: Final = 200  # segments of a record
+FEWEST_SEGMENTS: Final = 20  # segments
+SEGMENTS: Final = 200  # segments of a record
 LEAST_SLOTS: Final = 8  # of a segment
 SAME_WITHIN: Final = 0.05  # of a ratio of units: 10 for 9.55 is an inertia with its point misplaced, reported as well
 STANDARD_ERRORS: Final = 3.0
@@ -203,7 +203,7 @@ def implied_inertia(speed_rad_s: FloatArray, torque_Nm: FloatArray, sample_perio
     sample_period_s
         Width of a slot [s].
     """
-    width = max(speed_rad_s.size // STRETCHES, LEAST_SLOTS)
+    width = max(speed_rad_s.size // SEGMENTS, LEAST_SLOTS)
     cuts = np.arange(0, speed_rad_s.size, width)
 
     def impulses(values: FloatArray) -> FloatArray:
@@ -214,7 +214,7 @@ def implied_inertia(speed_rad_s: FloatArray, torque_Nm: FloatArray, sample_perio
     duration = np.full(cuts.size - 1, width * sample_period_s)
     rows = np.column_stack([np.diff(speed_rad_s[cuts]), *drag, duration, impulses(torque_Nm)])
     rows = rows[np.isfinite(rows).all(axis=1)]
-    return ImpliedValue(*first_slope(rows[:, :-1], rows[:, -1])) if len(rows) >= FEWEST_STRETCHES else None
+    return ImpliedValue(*first_slope(rows[:, :-1], rows[:, -1])) if len(rows) >= FEWEST_SEGMENTS else None
 
 
 def check_inertia(
@@ -360,7 +360,7 @@ def measured_constants(samples: Samples, wheel: Wheel) -> tuple[MeasuredConstant
     found = []
     for quantity, unit, stated, channel, rows, target in _laws(samples, wheel):
         known = np.isfinite(rows).all(axis=1) & np.isfinite(target)
-        if np.count_nonzero(known) >= FEWEST_STRETCHES:
+        if np.count_nonzero(known) >= FEWEST_SEGMENTS:
             shown, std = first_slope(rows[known], target[known])
             found.append(MeasuredConstant(quantity, unit, stated, channel, shown, std))
     return tuple(found)
@@ -387,9 +387,9 @@ Law = tuple[Quantity, str, float, str, FloatArray, FloatArray]
 
 def _laws(samples: Samples, wheel: Wheel) -> Iterator[Law]:
     """Yield quantity, unit, stated constant, channel, regressors with the constant's column first, and the response."""
-    width = max(len(samples) // STRETCHES, LEAST_SLOTS)
+    width = max(len(samples) // SEGMENTS, LEAST_SLOTS)
     cuts = np.arange(0, len(samples), width)
-    if cuts.size < FEWEST_STRETCHES:
+    if cuts.size < FEWEST_SEGMENTS:
         return
     speed, current, ratio = samples.speed_rad_s, samples.motor_current_A, wheel.gear_ratio or 1.0
 

@@ -21,7 +21,7 @@ from rwa_monitor.samples import TINY, BoolArray, FloatArray, IntArray
 # ---- the noise of the samples ----------------------------------------------------------------------------------------
 
 
-ENOUGH: Final = 20_000  # differences at a lag, from which their median is known to about one per cent
+ENOUGH_DIFFERENCES: Final = 20_000  # differences at a lag, from which their median is known to about one per cent
 MAX_LAG: Final = 96  # slots, at which the autocorrelation of AR(1) with φ = 0.95 is below 1 %
 LONGEST_QUIET: Final = 8  # insignificant lags in a row; after a longer run the autocovariance is set to zero
 MEDIAN_OF_ABSOLUTE_NORMAL: Final = 0.674489750196082
@@ -61,7 +61,7 @@ def estimate_noise(pieces: Sequence[FloatArray]) -> Noise:
         float64 (n,) each [N m].
     """
     size, longest = sum(piece.size for piece in pieces), max(piece.size for piece in pieces)
-    most, stride = min(MAX_LAG, max(longest // 4, 2)), max(size // ENOUGH, 1)
+    most, stride = min(MAX_LAG, max(longest // 4, 2)), max(size // ENOUGH_DIFFERENCES, 1)
 
     def half_variance(lag: int) -> float:
         pairs = [(piece[lag::stride], piece[:-lag:stride]) for piece in pieces if piece.size > lag]

@@ -259,8 +259,8 @@ def _fit(problem: Problem, series: Series, rows: FloatArray, coefficients: Float
 # estimated from the autocovariance of the residual (W. K. Newey, K. D. West, Econometrica 55, 1987).
 
 
-STRETCHES: Final = 20  # segments of the samples: residuals that are one of them apart are taken as independent
-FEWEST_STRETCHES: Final = 1.5  # segments: from fewer, the variance of a residual cannot be estimated
+SEGMENTS: Final = 20  # segments of the samples: residuals that are one of them apart are taken as independent
+FEWEST_SEGMENTS: Final = 1.5  # segments: from fewer, the variance of a residual cannot be estimated
 
 
 def wald(problem: Problem, model: Model) -> FloatArray:
@@ -270,7 +270,7 @@ def wald(problem: Problem, model: Model) -> FloatArray:
     Infinite in a record too short to estimate the autocovariance of the residual, and for switching effects: few
     samples decide on those by nature, and each jump has its penalty.
     """
-    if problem.size < STRETCHES * MAX_LAG:
+    if problem.size < SEGMENTS * MAX_LAG:
         return np.full(len(model.terms), np.inf)
     torques = np.column_stack([term.columns @ model.strengths(i) for i, term in enumerate(model.terms)])
     std = standard_deviations(problem, model, np.column_stack([torques, problem.speed]))[:-1]
@@ -306,14 +306,14 @@ def _newey_west_variance(influence: FloatArray, residual: FloatArray) -> FloatAr
     reduced the residual's variance by (m - 1)/m, m the segments that inform a coefficient: this is corrected.
     """
     size = residual.size
-    width = max(size // STRETCHES, min(MAX_LAG, size // 2))
+    width = max(size // SEGMENTS, min(MAX_LAG, size // 2))
     scores = influence * residual[:, None]
     sums = np.concatenate([np.zeros((width, scores.shape[1])), np.cumsum(scores, axis=0)])
     sums = np.concatenate([sums, np.repeat(sums[-1:], width - 1, axis=0)])
     windows = sums[width:] - sums[:-width]
     weight = np.add.reduceat(influence**2, np.arange(0, size, width), axis=0)
     informative = np.sum(weight, axis=0) ** 2 / np.maximum(np.sum(weight**2, axis=0), TINY)
-    informative = np.maximum(informative, FEWEST_STRETCHES)
+    informative = np.maximum(informative, FEWEST_SEGMENTS)
     return np.asarray(np.sum(windows**2, axis=0) / width * informative / (informative - 1.0), dtype=np.float64)
 
 

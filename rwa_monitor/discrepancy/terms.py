@@ -247,7 +247,7 @@ def available(problem: Problem, effect: type[MeanEffect]) -> str | None:
 # ---- models: terms with a fit, how they grew, and what was found -----------------------------------------------------
 
 
-INEXACT: Final = 0.1  # of the torque of a law: a real machine may deviate from it by so much, a working assumption
+MODEL_ERROR: Final = 0.1  # of the torque of a law: a real machine may deviate from it by so much, a working assumption
 
 
 @dataclass(frozen=True, slots=True)
@@ -282,7 +282,7 @@ class Model:
         return self.fit.coefficients[begin : begin + self.terms[index].columns.shape[1]]
 
     def is_minor(self, index: int, sign: FloatArray) -> bool:
-        """Return whether a term's torque, where it acts, is within the model error of the largest other term (INEXACT).
+        """Return whether a term's torque, where it acts, is within MODEL_ERROR of the largest other term's.
 
         Where the wheel reverses, odd and even terms are not compared: an odd law has odd errors, an even one even ones.
 
@@ -298,7 +298,7 @@ class Model:
         own = torques.pop(index)[1] ** 2
         others = [torque - torque.mean() for term, torque in torques if term.effect.parity != opposite]
         largest = max((float(own @ other**2) for other in others), default=0.0)
-        return float(own @ own) < INEXACT**2 * largest
+        return float(own @ own) < MODEL_ERROR**2 * largest
 
 
 def law_of(model: Model) -> NoiseLaw:
