@@ -27,16 +27,16 @@ MOST_SLOTS: Final = 40  # the same in slots
 STEP_STDS: Final = 10.0  # standard deviations of friction's differences, above which the accelerating torque steps
 FEWEST_STEPS: Final = 3  # that must be observed
 MOST_STEPS: Final = 0.6  # share of the steps that must each confirm the delay
-CLEARLY_ROUGH: Final = 10.0  # times the roughness due to noise, above which a step is informative
-LEFT_SHARE: Final = 0.5  # of the roughness of a step may remain after a shift by whole slots
-LEFT_OF_HALVES: Final = 0.2  # the same by half a slot: a mean of two slots halves the roughness of any step
-ROUGH: Final = 2.0  # times the roughness due to noise, below which no delay is sought
+STEP_ROUGHNESS: Final = 10.0  # times the roughness due to noise, above which a step is informative
+RESIDUAL_SHARE: Final = 0.5  # of the roughness of a step may remain after a shift by whole slots
+RESIDUAL_SHARE_HALF: Final = 0.2  # the same by half a slot: a mean of two slots halves the roughness of any step
+LEAST_ROUGHNESS: Final = 2.0  # times the roughness due to noise, below which no delay is sought
 WITHIN_A_SLOT: Final = 1.0 / 12.0  # slots²: variance of a uniform position within a slot
-LEFT_OF_IMPULSES: Final = 0.2  # of the sum of their squares may remain with a delay of a fraction of a slot
+IMPULSE_RESIDUAL: Final = 0.2  # of the sum of their squares may remain with a delay of a fraction of a slot
 CHANCE: Final = 1e-6  # probability of a false alarm for impulses without a delay
 PULSE_REACH: Final = 2  # slots on each side of a step that its pulse occupies, plus the whole slots of a delay
 LONGEST_STEP: Final = 5  # slots; longer ramps are left to the first-order effect
-BESIDE: Final = 3  # slots on each side of the pulse, from which the friction without it is estimated
+BASELINE_REACH: Final = 3  # slots on each side of the pulse, from which the friction without it is estimated
 SLOPE_REACH: Final = 6  # slots on each side from which the slope of the torque is estimated
 STEP_MARGIN: Final = 1  # slots on each side of a step that a delay of a fraction of a slot affects
 
@@ -74,7 +74,7 @@ def find_delay(motions: Sequence[Motion], wheel: Wheel) -> Delay | None:
         return None
     of_step, noise = np.concatenate([one for one, _ in around]), sum(noise for _, noise in around)
     rough = of_step.sum(axis=0)
-    if of_step.shape[0] < FEWEST_STEPS or rough[at] < ROUGH * noise:
+    if of_step.shape[0] < FEWEST_STEPS or rough[at] < LEAST_ROUGHNESS * noise:
         return None
     found = _by_pulse_removal(motions, wheel, halves, of_step, noise)
     slots = 0 if found is None else found.slots
@@ -101,8 +101,8 @@ def _by_pulse_removal(
     of_step, noise
         float64 (steps, m), roughness of friction around each step with each shift, and its expected sum due to noise.
     """
-    at, allowed = halves.size // 2, np.where(halves % 2 == 0, LEFT_SHARE, LEFT_OF_HALVES)
-    informative = of_step[of_step[:, at] > CLEARLY_ROUGH * noise / of_step.shape[0]]
+    at, allowed = halves.size // 2, np.where(halves % 2 == 0, RESIDUAL_SHARE, RESIDUAL_SHARE_HALF)
+    informative = of_step[of_step[:, at] > STEP_ROUGHNESS * noise / of_step.shape[0]]
     if informative.shape[0] < FEWEST_STEPS:
         return None
     # A shift may also cancel a jump of the friction near one step: most steps must confirm a delay.
@@ -135,7 +135,7 @@ def _by_impulse(motions: Sequence[Motion], reach: int) -> tuple[float, float] | 
         return None
     energy, late = float(step @ step), -float(impulse @ step / (step @ step))
     left = impulse + late * step
-    if left @ left > LEFT_OF_IMPULSES * (impulse @ impulse):
+    if left @ left > IMPULSE_RESIDUAL * (impulse @ impulse):
         return None
     # A few impulses may lie on a line by chance: their scatter is taken as at least that of the noise.
     std = float(np.sqrt(max(left @ left / (impulse.size - 1), np.mean(noise**2)) / energy))
@@ -156,12 +156,12 @@ def _impulses(motion: Motion, reach: int) -> tuple[FloatArray, FloatArray, Float
     border = np.diff(stepped.astype(np.int8), prepend=0, append=0)
     impulse, height, width = [], [], []
     for begin, end in zip(np.flatnonzero(border > 0), np.flatnonzero(border < 0), strict=True):
-        around = slice(begin - BESIDE, end + BESIDE)
-        if begin < BESIDE or end + BESIDE > friction.size or end - begin > LONGEST_STEP + 2 * reach:
+        around = slice(begin - BASELINE_REACH, end + BASELINE_REACH)
+        if begin < BASELINE_REACH or end + BASELINE_REACH > friction.size or end - begin > LONGEST_STEP + 2 * reach:
             continue
         if np.ptp(np.sign(speed[around])) != 0:
             continue
-        before, after = slice(begin - BESIDE, begin), slice(end, end + BESIDE)
+        before, after = slice(begin - BASELINE_REACH, begin), slice(end, end + BASELINE_REACH)
         # The friction without a pulse is interpolated over the speed, which it depends on, and not over time.
         first, last = float(speed[before].mean()), float(speed[after].mean())
         share = np.clip((speed[begin:end] - first) / (last - first), 0.0, 1.0) if last != first else 0.5
@@ -171,8 +171,8 @@ def _impulses(motion: Motion, reach: int) -> tuple[FloatArray, FloatArray, Float
         width.append(float(end - begin))
     known = np.isfinite(impulse) & np.isfinite(height)
     slots = np.array(width)[known]
-    # Noise of the summed slots, and of the level subtracted, a mean over BESIDE slots on each side.
-    noise = std / np.sqrt(2.0) * np.sqrt(slots + slots**2 / (2 * BESIDE))
+    # Noise of the summed slots, and of the level subtracted, a mean over BASELINE_REACH slots on each side.
+    noise = std / np.sqrt(2.0) * np.sqrt(slots + slots**2 / (2 * BASELINE_REACH))
     return np.array(impulse)[known], np.array(height)[known], noise
 
 
@@ -185,7 +185,7 @@ def _whole_slots(motions: Sequence[Motion], wheel: Wheel, slots: float) -> int:
         return int(slots)
     below, above = int(np.trunc(slots)), int(np.trunc(slots) + np.sign(slots))
     of_below, of_above = (sum(_at_reversals(motion, wheel, whole) for motion in motions) for whole in (below, above))
-    return above if of_above <= of_below * (LEFT_SHARE if below == 0 else 1.0) else below
+    return above if of_above <= of_below * (RESIDUAL_SHARE if below == 0 else 1.0) else below
 
 
 def _at_reversals(motion: Motion, wheel: Wheel, slots: int) -> float:

@@ -31,17 +31,17 @@ from rwa_monitor.wheel.effects.torque_ripple import (
 
 CELLS_PER_PERIOD: Final = 4  # of the highest order, which averaging over a cell attenuates by a tenth
 MOST_CELLS: Final = 2**21  # of a record; in records of more turns, high orders are not searched
-NEAR: Final = 401  # orders in a block, from which the background of the spectrum is estimated
+BACKGROUND_ORDERS: Final = 401  # orders in a block, from which the background of the spectrum is estimated
 FEWEST_BLOCKS: Final = 4  # blocks of orders, where a record has few orders
-SURE: Final = 15.0  # -log of the false-alarm probability over all orders tried; power relative to the background
-SURE_HARMONIC: Final = 12.0  # the same for a single given order
+LINE_THRESHOLD: Final = 15.0  # -log of the false-alarm probability over all orders tried; power over the background
+HARMONIC_THRESHOLD: Final = 12.0  # the same for a single given order
 MOST_HARMONICS: Final = 20  # of a line: a rub that lasts a twentieth of a turn has as many of similar size
 FEWEST_WAVES: Final = 3.0  # periods within the range of the angle: fewer do not separate a line from a trend
 SAME_SHARE: Final = 0.5  # of the overall amplitude that low and high speeds must each have, in phase
-CLEARLY: Final = 1.1  # ratio of powers; a tenth of the record in the other direction already raises it to 1.5
+DRAG_POWER_RATIO: Final = 1.1  # ratio of powers; a tenth of the record in the other direction already raises it to 1.5
 WHOLE_WITHIN: Final = 0.01  # orders closer than this to an integer are left to the ripple
 RESOLVED: Final = 1.0  # over the turns of the record: orders closer than this to an integer count as one
-SHARP: Final = 0.05  # orders: the largest resolution at which lines are separated
+WORST_RESOLUTION: Final = 0.05  # orders: the largest resolution at which lines are separated
 
 
 @dataclass(frozen=True, slots=True)
@@ -92,11 +92,11 @@ def angle_line(problem: Problem, base: Fit) -> AngleLine | float | None:
     if whole < MANY_TURNS:
         above, tried = _spectrum(at, of_ripple, whole) if whole > 0.0 else (at[:0], at[:0])
         return float(tried[np.argmax(above)]) if above.size else None
-    if RESOLVED / whole > SHARP:
+    if RESOLVED / whole > WORST_RESOLUTION:
         return None
     ripple, drag = problem.each(lambda values: _strongest_line(at, values, whole), (of_ripple, of_drag))
     # With one direction of rotation the two are the same, and a ripple is assumed, which is in the catalogue.
-    flips = drag is not None and (ripple is None or drag[0] > CLEARLY * ripple[0])
+    flips = drag is not None and (ripple is None or drag[0] > DRAG_POWER_RATIO * ripple[0])
     peak, values = (drag, of_drag) if flips else (ripple, of_ripple)
     if peak is None:
         return None
@@ -114,7 +114,7 @@ def angle_line(problem: Problem, base: Fit) -> AngleLine | float | None:
         return order
     std = float(np.sqrt(2.0 / at.size) * np.std(values) / max(2 * np.pi * amplitude * float(np.std(at)), TINY))
     # The significant harmonics are fitted and evaluated on all slots.
-    sure = SURE_HARMONIC * at.size * float(np.var(values))
+    sure = HARMONIC_THRESHOLD * at.size * float(np.var(values))
     kept = [k for k in range(1, MOST_HARMONICS + 1) if k == 1 or abs(_fourier_sum(values, at, k * order)) ** 2 > sure]
     angle = np.outer(2.0 * np.pi * order * turns, kept)
     design = np.column_stack([np.cos(angle), np.sin(angle)])
@@ -137,15 +137,15 @@ def _fourier_sum(values: FloatArray, at: FloatArray, order: float) -> complex:
 def _strongest_line(at: FloatArray, values: FloatArray, whole: float) -> tuple[float, float] | None:
     """Return the strongest line's power over the background, and the order of its fundamental; None if none."""
     above, order = _spectrum(at, values, whole)
-    if order.size < NEAR:
+    if order.size < BACKGROUND_ORDERS:
         return None
     best = int(np.argmax(above))
-    if above[best] < SURE + np.log(above.size):
+    if above[best] < LINE_THRESHOLD + np.log(above.size):
         return None
     for parts in (4, 3, 2):  # the strongest line may be a harmonic
         part = order[best] / parts
         near = np.abs(order - part) <= 1.0 / whole
-        if part >= order[0] and near.any() and float(above[near].max()) > SURE_HARMONIC:
+        if part >= order[0] and near.any() and float(above[near].max()) > HARMONIC_THRESHOLD:
             return float(above[best]), float(order[near][np.argmax(above[near])])
     return float(above[best]), float(order[best])
 
@@ -165,7 +165,7 @@ def _spectrum(at: FloatArray, values: FloatArray, whole: float) -> tuple[FloatAr
         order <= min(MAX_HARMONIC, per_turn / CELLS_PER_PERIOD)
     )
     power, order = power[tried], order[tried]
-    near = min(NEAR, power.size // FEWEST_BLOCKS)
+    near = min(BACKGROUND_ORDERS, power.size // FEWEST_BLOCKS)
     if near == 0:
         return power[:0], order[:0]
     blocks = power[: power.size - power.size % near].reshape(-1, near)
@@ -202,8 +202,8 @@ ComplexArray = NDArray[np.complex128]
 BLOCKS_PER_COHERENCE: Final = 8  # the phase drifts by 1/√8 rad within a block
 SHORTEST_BLOCK: Final = 32  # slots: in shorter blocks a line does not stand out from the noise
 MOST_BLOCKS: Final = 16  # blocks, up to which the time offset of friction from speed is estimated
-FINE: Final = 8  # time offsets that are tried within the width of a peak
-SURE_DRIFT: Final = 8.0  # standard deviations of the blocks' power above noise, for the best of 48 harmonics
+OVERSAMPLING: Final = 8  # time offsets that are tried within the width of a peak
+DRIFT_THRESHOLD: Final = 8.0  # standard deviations of the blocks' power above noise, for the best of 48 harmonics
 
 
 def with_angle_drift(problem: Problem, base: Fit) -> Problem:
@@ -259,7 +259,7 @@ def track_drift(record: Record, residual_Nm: FloatArray, variance: float) -> Flo
         filled = count > 0
         power = 2.0 * np.abs(sums[filled]) ** 2 / (count[filled] * variance)  # χ² with two degrees, twice a mean of 1
         excess = float(np.sum(power - 2.0) / np.sqrt(4.0 * power.size))
-        if excess > SURE_DRIFT:
+        if excess > DRIFT_THRESHOLD:
             sure.append((excess, harmonic, length, sums, count))
     if not sure:
         return moved if later_s else None
@@ -293,7 +293,7 @@ def time_between(record: Record, residual_Nm: FloatArray) -> float:
             break
         cell = np.pi / (2.0 * harmonic * period_s)
         at = ((speed - speed.min()) / cell).astype(np.int64)
-        size = fft.next_fast_len(FINE * (int(at.max()) + 1))
+        size = fft.next_fast_len(OVERSAMPLING * (int(at.max()) + 1))
         at += np.arange(speed.size) * blocks // speed.size * size
         turned = residual_Nm * np.exp(-1j * harmonic * angle)
         cells = np.bincount(at, turned.real, blocks * size) + 1j * np.bincount(at, turned.imag, blocks * size)
@@ -307,7 +307,7 @@ def time_between(record: Record, residual_Nm: FloatArray) -> float:
         gained = float(power[best] - power[0]) / np.sqrt(blocks)
         if gained > found:
             found, later_s = gained, float(times_s[best])
-    return later_s if found > SURE + np.log(tried) else 0.0
+    return later_s if found > LINE_THRESHOLD + np.log(tried) else 0.0
 
 
 def _block_length(harmonic: int, record: Record) -> int:

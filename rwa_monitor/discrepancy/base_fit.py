@@ -44,8 +44,8 @@ CONVERGED: Final = 0.1  # change of the criterion
 TUKEY: Final = 4.685  # scales of the residual: 95 % efficient for Gaussian noise (Huber, Robust Statistics, 1981)
 MIN_USED: Final = 30  # fewer moving samples cannot separate a law of the speed from their noise
 HEAVY_SHARE: Final = 1e-3  # of samples beyond four standard deviations; Gaussian noise has 6e-5
-AT_CROSSING: Final = 4  # samples: that close to a reversal an offset is mistaken for a jump
-NEAR_CROSSING: Final = 20  # samples around a reversal: bristles and balls take a few slots to reverse
+REVERSAL_MARGIN: Final = 4  # samples: that close to a reversal an offset is mistaken for a jump
+REVERSAL_REACH: Final = 20  # samples around a reversal: bristles and balls take a few slots to reverse
 LONG_LAG_SHARE: Final = 0.02  # of the record: the lag of differences, a few per cent of a sojourn or more
 
 
@@ -135,7 +135,7 @@ def _clip(problem: Problem) -> Problem:
 
     Heavy tails occur at all speeds. Outliers near a change of direction may be friction, and are left unchanged.
     """
-    far = problem.to_reversal > NEAR_CROSSING
+    far = problem.to_reversal > REVERSAL_REACH
     slope = fit(problem).coefficients[0] * problem.speed
     clipped = problem.z.copy()
     for a, b in pairwise(problem.starts):
@@ -260,7 +260,7 @@ def _sharp_jumps(problem: Problem, fitted: Fit, reach: int = 48, threshold: floa
 def jump_sets(problem: Problem, fitted: Fit) -> list[IntArray]:
     """Return the fitted jumps, subsets of them that a missing effect is unlikely to cause, and the strong jumps."""
     sets = [fitted.jumps]
-    off_crossings = fitted.jumps[problem.to_reversal[fitted.jumps] > AT_CROSSING]
+    off_crossings = fitted.jumps[problem.to_reversal[fitted.jumps] > REVERSAL_MARGIN]
     strong = strong_jumps(problem, fitted.level + fitted.residual)
     for subset in (_sharp_jumps(problem, fitted), off_crossings, strong):
         if not any(np.array_equal(subset, known) for known in sets):

@@ -23,11 +23,11 @@ from rwa_monitor.wheel.wheel import Wheel
 RMS_OF_TWO_ROUNDINGS: Final = 6**-0.5
 BIAS_REACH: Final = 20  # slots beyond the derivative filter that determine its bias, with 17 % of the filter's noise
 SHORT_BIAS_REACH: Final = 12  # slots, of a second estimate of the bias
-BENT: Final = 2.0  # standard deviations of the friction, above which the bias must be known to BIAS_KNOWN_TO
+BIAS_STDS: Final = 2.0  # standard deviations of the friction, above which the bias must be known to BIAS_KNOWN_TO
 BIAS_KNOWN_TO: Final = 0.05  # of the bias: at a corner of the speed the two estimates differ by more
-CORNER: Final = 10.0  # standard deviations of the friction, above which the bias must be known to AGREED_TO around it
-AGREED_TO: Final = 0.02  # of the largest bias nearby: on a smooth bend the two estimates differ by less
-UNCERTAIN: Final = 4.0  # standard deviations of the friction between the two estimates: one of them includes a corner
+CORNER: Final = 10.0  # standard deviations of the friction, above which the bias must be known to DISAGREEMENT_SHARE
+DISAGREEMENT_SHARE: Final = 0.02  # of the largest bias nearby: on a smooth bend the two estimates differ by less
+DISAGREEMENT_STDS: Final = 4.0  # standard deviations of friction between the estimates: one of them includes a corner
 CORNER_REACH: Final = 4  # slots on each side of such a corner that are excluded
 CORNER_EDGE: Final = 2  # slots on each side of a step of torque in which its pulse may be lost in the noise
 # Half-width of a filter for dω/dt from which a detected corner is complete [slots]. In filters as wide, a ripple of the
@@ -92,13 +92,13 @@ def derived_friction(speed: FloatArray, torque: FloatArray, wheel: Wheel, torque
     if hole < WIDE_HALF:
         stepped = binary_dilation(stepped, iterations=CORNER_EDGE)
         # A polynomial whose slots include a corner adds a spurious bend around it: its correction is undone.
-        smeared = binary_dilation(stepped, iterations=hole + BIAS_REACH) & (np.abs(bias) < BENT * sigma)
+        smeared = binary_dilation(stepped, iterations=hole + BIAS_REACH) & (np.abs(bias) < BIAS_STDS * sigma)
         friction[smeared] -= bias[smeared]
-    unknown = (np.abs(bias) > BENT * sigma) & (uncertainty > BIAS_KNOWN_TO * np.abs(bias))
+    unknown = (np.abs(bias) > BIAS_STDS * sigma) & (uncertainty > BIAS_KNOWN_TO * np.abs(bias))
     # The two estimates may agree by chance in the middle of a corner, but not everywhere around it.
     largest, most_uncertain = (maximum_filter(np.abs(values), 2 * hole + 1) for values in (bias, uncertainty))
-    corner = (np.abs(bias) > CORNER * sigma) & (most_uncertain > AGREED_TO * largest)
-    corner |= (uncertainty > UNCERTAIN * sigma) & (uncertainty > AGREED_TO * largest)
+    corner = (np.abs(bias) > CORNER * sigma) & (most_uncertain > DISAGREEMENT_SHARE * largest)
+    corner |= (uncertainty > DISAGREEMENT_STDS * sigma) & (uncertainty > DISAGREEMENT_SHARE * largest)
     hidden = unknown | stepped | binary_dilation(corner, iterations=CORNER_REACH)
     # A step of torque in the first or last samples has no slots beyond it from which to detect it.
     at = np.flatnonzero(np.isfinite(friction))

@@ -10,7 +10,7 @@ import numpy as np
 from scipy import optimize
 from scipy.ndimage import binary_dilation, correlate1d
 
-from rwa_monitor.discrepancy.base_fit import NEAR_CROSSING
+from rwa_monitor.discrepancy.base_fit import REVERSAL_REACH
 from rwa_monitor.discrepancy.found_effects import as_found
 from rwa_monitor.discrepancy.likelihood import ACCEPT_GAIN, NoiseLaw, Series
 from rwa_monitor.discrepancy.problem import Problem
@@ -166,7 +166,7 @@ def views_of(problem: Problem, model: Model, *, turns: bool = True) -> list[_Vie
     outliers that occur only there are friction that no law describes exactly.
     """
     residuals = on_slots(problem, (model.fit.residual + (problem.z_measured - problem.z)) * problem.sign)
-    turning = problem.to_reversal <= NEAR_CROSSING
+    turning = problem.to_reversal <= REVERSAL_REACH
     turning &= not turns and 2 * np.count_nonzero(turning) < problem.size
     views = []
     for record, residual, begin, end in zip(

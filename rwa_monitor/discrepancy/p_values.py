@@ -30,7 +30,7 @@ from rwa_monitor.wheel.file_content import packaged
 
 TABLE_FILE: Final = "nulls.json"
 TAIL: Final = 0.1  # upper share of the nulls to which the exponential is fitted
-BEYOND: Final = 100.0  # times rarer than one of all simulated records: as far as the tail is trusted
+MAX_EXTRAPOLATION: Final = 100.0  # times rarer than one of all simulated records: as far as the tail is trusted
 CHI_SQUARE_TAIL: Final = 2.0  # mean excess far in the tail of a χ²: no distribution of gains falls faster
 FAMILIES: Final = 3  # that are searched one after the other: each may give a false positive
 
@@ -54,7 +54,7 @@ class Nulls:
     @property
     def floor(self) -> float:
         """Return the smallest p-value that these records can support."""
-        return 1.0 / (BEYOND * (self.statistics.size + 1))
+        return 1.0 / (MAX_EXTRAPOLATION * (self.statistics.size + 1))
 
     @property
     def scale(self) -> float:

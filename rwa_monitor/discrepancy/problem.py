@@ -15,7 +15,7 @@ import numpy as np
 from scipy.ndimage import maximum_filter1d, median_filter
 
 from rwa_monitor.discrepancy.plausible import MeasuredConstant, combined
-from rwa_monitor.discrepancy.record import DIGITS, Record
+from rwa_monitor.discrepancy.record import ROUNDING, Record
 from rwa_monitor.samples import TINY, BoolArray, FloatArray, IntArray
 
 # ---- the noise of the samples ----------------------------------------------------------------------------------------
@@ -321,7 +321,7 @@ class Problem:
     @property
     def smallest_noise_Nm(self) -> float:
         """Return the standard deviation below which noise is rounding of the table [N m]."""
-        return DIGITS * float(np.sqrt(np.mean(self.z_measured**2)))
+        return ROUNDING * float(np.sqrt(np.mean(self.z_measured**2)))
 
     @property
     def has_noise(self) -> bool:

@@ -36,7 +36,7 @@ FINE: Final = 4.0  # steps, the median difference of neighbours, from which step
 FINEST_NOISE: Final = 0.05  # of a step: the least noise that is assumed; less rarely changes a reading
 ROUNDS: Final = 24  # alternations of model and draws, at most
 SETTLED: Final = 0.005  # relative change of the standard deviation at which alternation ends
-FAR: Final = 8.0  # standard deviations from the step to the model, at which the tail is cut off
+TAIL_STDS: Final = 8.0  # standard deviations from the step to the model, at which the tail is cut off
 SEED: Final = 19871987  # fixed: the same record gives the same result
 
 
@@ -134,7 +134,7 @@ def _truncated(read: FloatArray, step: FloatArray, expected: FloatArray, std: fl
     """
     scale = np.where(step > 0.0, np.maximum(std, FINEST_NOISE * step), 1.0)
     near = np.abs(read - expected) - 0.5 * step
-    high = -np.minimum(near / scale, FAR)
+    high = -np.minimum(near / scale, TAIL_STDS)
     low = high - step / scale
     probability = special.ndtr(low) + uniform * (special.ndtr(high) - special.ndtr(low))
     inside = np.clip(special.ndtri(probability), low, high) - high  # from the end of the step nearest to the model, ≤ 0

@@ -44,8 +44,8 @@ MIN_REST_SLOTS: Final = 8  # a shorter stay near zero counts as a zero crossing
 # Of the median speed: in a coarsely sampled record, neighbours differ by the motion and not by noise.
 LARGEST_SPEED_NOISE: Final = 0.02
 REST_BAND_IN_SPEED_NOISE: Final = 5.0  # below this many standard deviations of its noise the sign of ω is unknown
-BEYOND: Final = 0.1  # of a record's temperature range, by which its fitted law may be extrapolated on either side
-DIGITS: Final = 1e-5  # of the RMS of a channel: anything smaller is rounding of the table, not sensor noise
+TEMPERATURE_MARGIN: Final = 0.1  # of a record's temperature range, by which its law may be extrapolated on either side
+ROUNDING: Final = 1e-5  # of the RMS of a channel: anything smaller is rounding of the table, not sensor noise
 RAMP_SHARE: Final = 0.5  # of the samples: friction that is a ramp on more of them is a command
 SMOOTHER: Final = 0.5  # ratio of second differences, below which those of the speed are mostly noise
 SMOOTHING_WIDTHS: Final = (5, 7, 11, 15, 21, 31, 41)  # slots that a parabola is fitted to, increasing
@@ -222,7 +222,7 @@ def _is_command(friction_Nm: FloatArray, speed_rad_s: FloatArray) -> bool:
     error. Both arrays are float64 (n,).
     """
     bend, of_speed = (
-        np.abs(np.diff(values, 2)) > DIGITS * np.sqrt(np.nanmean(values**2)) for values in (friction_Nm, speed_rad_s)
+        np.abs(np.diff(values, 2)) > ROUNDING * np.sqrt(np.nanmean(values**2)) for values in (friction_Nm, speed_rad_s)
     )
     known = np.isfinite(np.diff(friction_Nm, 2) + np.diff(speed_rad_s, 2))
     ramp = known & ~bend & of_speed & (friction_Nm[2:] != friction_Nm[:-2])
@@ -290,7 +290,7 @@ def temperature_range(records: Sequence[Record]) -> TemperatureRange | None:
     if len(known) < len(seen):
         return None
     low, high = (float(of(np.concatenate(known))) for of in (np.nanmin, np.nanmax))
-    beyond = BEYOND * (high - low)
+    beyond = TEMPERATURE_MARGIN * (high - low)
     return TemperatureRange(low_degC=round(low - beyond, 2), high_degC=round(high + beyond, 2))
 
 
@@ -499,10 +499,10 @@ def _at_rest(speed: FloatArray, noise: float, dead_band: float | None) -> BoolAr
 
 LEVEL_REACH: Final = 8  # samples on each side of a reversal from which its dry friction is estimated
 SIGN_STDS: Final = 3.0  # standard deviations of the speed's noise within which its sign is unknown
-STRADDLES: Final = 0.98  # mean sign over an interval, below which the interval contains a reversal
+REVERSAL_MEAN_SIGN: Final = 0.98  # mean sign over an interval, below which the interval contains a reversal
 # Largest misfit of samples as means, relative to that of samples as points, over intervals with a reversal: for centred
 # intervals, then for those that end or begin at their sample, which a delay of half a slot or bristles mimic.
-LEFT_SHARES: Final = (0.7, 0.4, 0.4)
+MISFIT_RATIOS: Final = (0.7, 0.4, 0.4)
 
 
 def averages_over_reversals(speed_rad_s: FloatArray, drag_Nm: FloatArray, noise_rad_s: float = 0.0) -> BoolArray:
@@ -534,15 +534,15 @@ def averages_over_reversals(speed_rad_s: FloatArray, drag_Nm: FloatArray, noise_
         _mean_signs(speed_rad_s + shift)[:, around] * sign[around]
         for shift in (0.0, -SIGN_STDS * noise_rad_s, SIGN_STDS * noise_rad_s)
     )
-    straddles = along < STRADDLES  # False where the interval reaches beyond the record (NaN)
+    straddles = along < REVERSAL_MEAN_SIGN  # False where the interval reaches beyond the record (NaN)
     point_misfit = np.broadcast_to(np.abs(drag_Nm[around] - level), along.shape)
     means, points = (
         np.sum(missed, axis=1, where=straddles) for missed in (np.abs(drag_Nm[around] - level * along), point_misfit)
     )
-    left = np.where(points > 0.0, means / np.maximum(points, TINY), np.inf) / LEFT_SHARES
+    left = np.where(points > 0.0, means / np.maximum(points, TINY), np.inf) / MISFIT_RATIOS
     best = int(np.argmin(left))
     if left[best] < 1.0:
-        averaged[around[np.min(shifted, axis=0)[best] < STRADDLES]] = True
+        averaged[around[np.min(shifted, axis=0)[best] < REVERSAL_MEAN_SIGN]] = True
     return averaged
 
 
