@@ -141,7 +141,7 @@ def _conclusive(anomalies: Sequence[Judged], low: float, high: float) -> bool:
     """
     if any(entry.active and entry.probability >= high for entry in anomalies):
         return True
-    return not any(low < entry.probability < high or entry.unlike or not entry.informative for entry in anomalies)
+    return not any(low < entry.probability < high or entry.unfamiliar or not entry.informative for entry in anomalies)
 
 
 def _on_side(probability: float, *, active: bool) -> float:

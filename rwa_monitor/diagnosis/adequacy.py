@@ -47,7 +47,7 @@ from rwa_monitor.wheel.wheel import SwitchingSystem, Wheel
 DISAGREEING_SIGMAS: Final = 4.0
 # A single missed jump or sojourn distorts one or two intervals, or lies in two crossings, and a healthy window may have
 # an unattributed jump. Only this many or more are evidence against the model.
-NO_ACCIDENT: Final = 3
+MIN_EVIDENCE: Final = 3
 DISAGREEING_SHARE: Final = 0.25
 MIN_INTERVAL: Final = 30.0  # samples: the slope of a shorter interval is not used
 SMALLEST_SPREAD: Final = 1e-9  # centred over plain sum of squares: below, rounding dominates the centred one
@@ -72,7 +72,7 @@ FEWEST_NEAR_ZERO: Final = 4.0  # samples of a crossing
 
 SIDE_BLOCKS: Final = 4  # on either side of a crossing
 SIDE_SHARE: Final = 0.75  # of all crossings
-SIDES_ALIKE: Final = 2.0  # factor about their median within which the differences count as equal: jumps vary more
+EQUAL_FACTOR: Final = 2.0  # factor about their median within which the differences count as equal: jumps vary more
 CLEAR_SIGMAS: Final = 5.0  # from which a difference of sides, or what a missing effect explains, counts at all
 SMALLEST_SIDE: Final = 0.2  # standard deviations of the noise: a smaller difference is ignored
 
@@ -80,7 +80,7 @@ RIPPLE_CAP: Final = 40.0  # upper limit of the power in one segment: a jump in i
 RIPPLE_CHANCE: Final = 1e-4  # false-alarm probability of all harmonics in a window, for white noise
 # Least and largest allowance for autocorrelated noise, whose spectrum may peak at the very frequency of a harmonic;
 # beyond the largest no ripple could be detected at all.
-RIPPLE_COLOUR: Final = (2.0, 8.0)
+RIPPLE_NOISE_FACTORS: Final = (2.0, 8.0)
 
 
 class Adequacy(NamedTuple):
@@ -135,7 +135,7 @@ def slope_finding(evidence: Evidence, estimate: Estimate) -> Adequacy | None:
     """Compare the slopes of the intervals."""
     deviation, speed = _slope_deviations(evidence, estimate)
     disagreeing = int((np.abs(deviation) > DISAGREEING_SIGMAS).sum())
-    if disagreeing < max(NO_ACCIDENT, DISAGREEING_SHARE * deviation.size):
+    if disagreeing < max(MIN_EVIDENCE, DISAGREEING_SHARE * deviation.size):
         return None
     finding = f"the viscous slope differs between intervals ({disagreeing} of {deviation.size})"
     trend = _rank_correlation(speed, deviation) if np.ptp(speed) > 0 and np.ptp(deviation) > 0 else 0.0
@@ -173,13 +173,13 @@ def _slope_deviations(evidence: Evidence, estimate: Estimate) -> tuple[FloatArra
 def side_finding(evidence: Evidence, blocks: Blocks) -> Adequacy | None:
     """Test whether friction differs between the directions of rotation, from the levels just before and after zero."""
     half = half_differences(evidence, blocks)
-    if half.size < NO_ACCIDENT:
+    if half.size < MIN_EVIDENCE:
         return None
     same = half if np.median(half) > 0.0 else -half
     same = same[same > CLEAR_SIGMAS]
     middle = np.median(same) if same.size else 0.0
-    alike = same[(same < SIDES_ALIKE * middle) & (same > middle / SIDES_ALIKE)]
-    if alike.size < max(NO_ACCIDENT, SIDE_SHARE * half.size):
+    alike = same[(same < EQUAL_FACTOR * middle) & (same > middle / EQUAL_FACTOR)]
+    if alike.size < max(MIN_EVIDENCE, SIDE_SHARE * half.size):
         return None
     finding = f"friction differs between the directions of rotation ({alike.size} of {half.size} crossings)"
     return Adequacy("torque_bias", finding)
@@ -277,7 +277,7 @@ def ripple_finding(evidence: Evidence) -> Adequacy | None:
     over_chance = power / _ripple_by_chance(*ripple.shape)[np.count_nonzero(valid, axis=0)]
     strongest = int(np.argmax(over_chance))
     # The least allowance is tested first: it nearly always decides, and the spectrum need not be computed.
-    found, (least, most) = over_chance[strongest], RIPPLE_COLOUR
+    found, (least, most) = over_chance[strongest], RIPPLE_NOISE_FACTORS
     if found < least or found < min(_spectral_peak(evidence.noise.autocovariance), most):
         return None
     return Adequacy("torque_ripple", f"friction repeats with the wheel's angle, {strongest + 1} times in a turn")
@@ -304,9 +304,9 @@ def jump_finding(evidence: Evidence, assignment: Assignment, systems: Sequence[S
     unattributed = int((assignment.system == UNATTRIBUTED).sum())
     jumps = int((assignment.system != REJECTED).sum())
     expected = evidence.slots * sum(map(jump_rate, systems))
-    if systems and unattributed >= NO_ACCIDENT:
+    if systems and unattributed >= MIN_EVIDENCE:
         finding = f"{unattributed} of {jumps} jumps fit no switching system"
-    elif systems and jumps - expected > EXCESS_SIGMAS * np.sqrt(expected) + NO_ACCIDENT:
+    elif systems and jumps - expected > EXCESS_SIGMAS * np.sqrt(expected) + MIN_EVIDENCE:
         finding = f"there are {jumps} jumps where the switching systems make about {expected:.0f}"
     else:
         return None
@@ -357,7 +357,7 @@ def persistence(blocks: Blocks, correlation: float) -> tuple[float, float]:
     expected = np.array([_ar_block_correlation(correlation, blocks.size, lag) for lag in PERSISTENCE_LAGS])
     level = 1.0 / np.maximum(np.bincount(interval, usable, intervals), 1.0)
     products = _lagged_products(capped, interval, intervals) - pairs * (expected - level[:, None])
-    if np.count_nonzero(pairs[:, 0]) >= NO_ACCIDENT:
+    if np.count_nonzero(pairs[:, 0]) >= MIN_EVIDENCE:
         worst = np.argmax(np.square(products).sum(axis=1))
         products[worst] = pairs[worst] = 0.0
     total, count = products.sum(axis=0), np.maximum(pairs.sum(axis=0), 1.0)
@@ -386,11 +386,11 @@ def _ar_block_correlation(phi: float, size: int, lag: int) -> float:
 # ---- how far a missing effect may have moved the estimates -----------------------------------------------------------
 
 
-COMPARABLE: Final = 0.5  # share of the best shape's decrease of χ² from which another shape counts too
+COMPARABLE_SHARE: Final = 0.5  # share of the best shape's decrease of χ² from which another shape counts too
 LONG_INTERVAL: Final = 0.01  # of the window: the lowest level is that of an interval at least as long
-CREDIBLE_SIZE: Final = 0.5  # of the least friction of its configuration: a sojourn with less is not credible
-SMALL_SHARE: Final = 0.3  # of a system's sojourns: if this share is not credible, its rests are not either
-LONGEST_AWAKE: Final = 4.0  # multiple of the mean time above q = 0 for which a system may well not rest
+MIN_CREDIBLE_RATIO: Final = 0.5  # of the least friction of its configuration: a sojourn with less is not credible
+IMPLAUSIBLE_SHARE: Final = 0.3  # of a system's sojourns: if this share is not credible, its rests are not either
+MAX_ACTIVE_FACTOR: Final = 4.0  # multiple of the mean time above q = 0 for which a system may well not rest
 STRIBECK_SPEEDS: Final = (0.03, 0.1, 0.3)  # of the nominal speed: the catalogue's 1 … 100 rad/s at 300 rad/s
 # SKF's exponent, near Palmgren's 2/3, and the ends of the catalogue's range: the nearer to 1, the more of such a drag
 # the viscous slope absorbs, and the less of it is detectable.
@@ -466,11 +466,11 @@ def _hidden_friction(system: SwitchingSystem, configurations: IntArray, friction
     """
     active = configurations > 0
     awake = sum(law.mean() for law in system.durations[1:])
-    if system.friction is None or not active.any() or LONGEST_AWAKE * awake < slots:
+    if system.friction is None or not active.any() or MAX_ACTIVE_FACTOR * awake < slots:
         return 0.0
     low = np.array([band.low for band in system.friction])[configurations[active]]
-    small = friction[active] < CREDIBLE_SIZE * low
-    if small.mean() < SMALL_SHARE:
+    small = friction[active] < MIN_CREDIBLE_RATIO * low
+    if small.mean() < IMPLAUSIBLE_SHARE:
         return 0.0
     return system.friction[1].middle
 
@@ -549,6 +549,6 @@ def _moved_by_shapes(blocks: Blocks, shapes: FloatArray, evidence: Evidence) -> 
         apart = math.sqrt(total @ (moved - mean) ** 2 / whole)
         found.append((strength**2 * energy / variance, abs(strength * tilt), together, apart))
     best = max((fall for fall, *_ in found), default=0.0)
-    kept = [moves for fall, *moves in found if fall >= max(CLEAR_SIGMAS**2, COMPARABLE * best)]
+    kept = [moves for fall, *moves in found if fall >= max(CLEAR_SIGMAS**2, COMPARABLE_SHARE * best)]
     slope, level, spread = np.max([[0.0, 0.0, 0.0], *kept], axis=0).tolist()
     return slope, level, spread

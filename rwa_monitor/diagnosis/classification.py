@@ -49,10 +49,10 @@ from rwa_monitor.switching.carried_state import CarriedState, Tracked, probabili
 # A value is uninformative if its standard deviation exceeds this share of the distance between nominal and anomalous.
 INFORMATIVE_STD: Final = 0.4
 # A window alone decides on a coefficient if the middle between the two is two standard deviations away from either.
-SHOWING_STD: Final = 0.25
+DECISIVE_STD: Final = 0.25
 # Least probability that a value is still the one measured earlier for a window to rely on that: it was measured within
 # the last ten windows.
-LEANING_HELD: Final = 0.8
+MIN_HELD_PROBABILITY: Final = 0.8
 
 
 class Coefficient(NamedTuple):
@@ -111,14 +111,14 @@ class Coefficient(NamedTuple):
         """Return whether a measurement with this standard deviation can distinguish nominal from anomalous at all."""
         return std < INFORMATIVE_STD * self.levels.reach
 
-    def leans(self, std: float) -> bool:
+    def relies_on_earlier(self, std: float) -> bool:
         """Return whether a window that measured the coefficient with `std` relies on earlier, better ones."""
         before = self.before
         return (
             before is not None
-            and before.held > LEANING_HELD
+            and before.held > MIN_HELD_PROBABILITY
             and before.std < min(std, INFORMATIVE_STD * self.levels.reach)
-            and not std < SHOWING_STD * self.levels.reach
+            and not std < DECISIVE_STD * self.levels.reach
         )
 
     def after(self, value: float, std: float) -> Tracked | None:
@@ -174,7 +174,7 @@ LEAST_PRIOR: Final = 1e-9
 OFFSET_STEPS: Final = 1024  # grid over which an unknown offset is integrated, from no offset to all of the dry friction
 PRIOR_ROUNDS: Final = 8  # each reduces the error of the marginal probabilities by about an order of magnitude
 _History = tuple[Coefficient | None, Coefficient | None]  # dry and viscous before the window; None: nothing learned
-UNLIKE_SHARE: Final = 0.9  # mean probability of being a stray beyond which values count as unlike anything learned
+MIN_STRAY_MEAN: Final = 0.9  # mean probability of being a stray beyond which values count as unlike anything learned
 
 
 @dataclass(frozen=True, slots=True)
@@ -191,9 +191,9 @@ class Judged:
         Whether it is diagnosed.
     informative
         Whether this window, or recent ones, can detect it at all; otherwise the probability is that before the window.
-    unlike
+    unfamiliar
         Whether its values are unlike everything learned, nominal or anomalous.
-    leans
+    relies_on_earlier
         Whether the judgement relies on earlier windows, this one alone not deciding it.
     known
         Whether anything was learned or stated of it; otherwise it is not judged.
@@ -203,8 +203,8 @@ class Judged:
     probability: float
     active: bool
     informative: bool
-    unlike: bool
-    leans: bool = False
+    unfamiliar: bool
+    relies_on_earlier: bool = False
     known: bool = True
 
 
@@ -217,7 +217,7 @@ class Judgement(NamedTuple):
         One entry each, in the wheel's order.
     features
         The features at the most plausible split of base and systems; the given ones where nothing was ambiguous.
-    to_carry
+    next_prior
         For each anomaly the probability that the next window starts from.
     configurations
         For each system int64 (sojourns,): the likeliest configurations by all that was learned, its jumps being given.
@@ -227,7 +227,7 @@ class Judgement(NamedTuple):
 
     anomalies: tuple[Judged, ...]
     features: Features
-    to_carry: dict[str, float]
+    next_prior: dict[str, float]
     configurations: tuple[IntArray, ...]
     tracked: tuple[Tracked | None, Tracked | None] = (None, None)
 
@@ -244,7 +244,7 @@ def unjudged(features: Features, names: Sequence[str]) -> Judgement:
 
 def _not_judged(name: str) -> Judged:
     """Return the judgement on an anomaly of which nothing is known: neither active nor not."""
-    return Judged(name, UNKNOWN, active=False, informative=False, unlike=False, known=False)
+    return Judged(name, UNKNOWN, active=False, informative=False, unfamiliar=False, known=False)
 
 
 def classify(
@@ -299,7 +299,7 @@ def classify(
         # The window identifies only the sum of the base and a system's friction: no new value replaces the old one.
         base = dry.before.changed(held=ambiguity.held_after(posterior, number)) if dry and dry.before else None
 
-    judged, to_carry = [], {}
+    judged, next_prior = [], {}
     shares, shares_before = shares_of(combinations, posterior), shares_of(combinations, prior)
     for a, (name, learned, share, before) in enumerate(zip(names, models, shares, shares_before, strict=True)):
         if not _is_known(learned):
@@ -307,16 +307,16 @@ def classify(
             continue
         # Rounding can raise a sum of shares above one: 1 + 2e-16 would be refused as a probability.
         probability = min(1.0, share)
-        informative, unlike = _quality(features, learned, a)
-        leans = a == 1 and viscous is not None and viscous.leans(features.viscous_std)
+        informative, unfamiliar = _quality(features, learned, a)
+        relies_on_earlier = a == 1 and viscous is not None and viscous.relies_on_earlier(features.viscous_std)
         judged.append(
             Judged(
                 name,
                 probability,
                 active=probability > 0.5,
-                informative=informative or leans,
-                unlike=unlike,
-                leans=leans,
+                informative=informative or relies_on_earlier,
+                unfamiliar=unfamiliar,
+                relies_on_earlier=relies_on_earlier,
             )
         )
         # A coefficient that the window hardly measures is biased to the same side in each similar window.
@@ -324,9 +324,9 @@ def classify(
         repeated = hardly or _repeats(features, a)
         log_odds = _logit(before)
         gained = 0.0 if repeated else new_share * (_logit(probability) - log_odds)
-        to_carry[name] = float(special.expit(log_odds + gained))
+        next_prior[name] = float(special.expit(log_odds + gained))
     tracked = (base, viscous.after(features.viscous, features.viscous_std) if viscous else None)
-    return Judgement(tuple(judged), features, to_carry, configurations, tracked)
+    return Judgement(tuple(judged), features, next_prior, configurations, tracked)
 
 
 @functools.lru_cache(maxsize=16)
@@ -472,7 +472,7 @@ def _quality(features: Features, model: AnomalyModel, a: int) -> tuple[bool, boo
     stray, relative_std = stray_probabilities(model, *found)
     if stray.size == 0:
         return False, False
-    return float(relative_std.min()) < INFORMATIVE_STD, float(stray.sum()) / stray.size > UNLIKE_SHARE
+    return float(relative_std.min()) < INFORMATIVE_STD, float(stray.sum()) / stray.size > MIN_STRAY_MEAN
 
 
 def _logit(probability: float) -> float:

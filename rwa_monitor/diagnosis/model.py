@@ -252,7 +252,7 @@ def models_for(wheel: Wheel, model: Model | None) -> list[AnomalyModel | None]:
         return [None] * len(wheel.anomalies)
     models: list[AnomalyModel | None] = [
         model.anomaly("dry"),
-        spread_out(model.anomaly("viscous"), wheel.nominal.viscous_spread)
+        with_wider_band(model.anomaly("viscous"), wheel.nominal.viscous_spread)
         if wheel.nominal.viscous_Nm_s_rad > 0
         else None,
     ]
@@ -262,7 +262,7 @@ def models_for(wheel: Wheel, model: Model | None) -> list[AnomalyModel | None]:
     return models
 
 
-def spread_out(learned: AnomalyModel | None, spread: float | None) -> AnomalyModel | None:
+def with_wider_band(learned: AnomalyModel | None, spread: float | None) -> AnomalyModel | None:
     """Return the model of a coefficient with its nominal band widened by the spread between healthy recordings.
 
     `spread` is a standard deviation in units of the nominal value; None or 0 leave the model as it is.

@@ -164,7 +164,7 @@ def verdict_of(findings: Findings) -> tuple[Verdict, str]:
                 f" ({_nominal(one)}), probability of an anomaly {percent(one.probability)}"
                 f"{findings.because_of_temperature([one.name])}."
             )
-        if one.unlike:
+        if one.unfamiliar:
             return "inconclusive", (
                 f"The {title(one.name)}, {_estimate(one)}, is unlike anything learned, nominal"
                 f" ({_range(one)}) or anomalous{BELOW_NOMINAL if _below(one) else ''}."
@@ -281,7 +281,7 @@ def _assessed(one: AnomalyDiagnosis) -> str:
 
 def _leaning(anomalies: Sequence[AnomalyDiagnosis]) -> str:
     """Return the end of a reason, on the anomalies judged by earlier windows; "" for none."""
-    names = [one.name for one in anomalies if one.leans]
+    names = [one.name for one in anomalies if one.relies_on_earlier]
     return f"; this window alone does not show {listed(names)}, earlier windows do" if names else ""
 
 

@@ -72,7 +72,7 @@ class TemperatureUncertainty(NamedTuple):
         )
 
 
-KNOWN: Final = TemperatureUncertainty()
+NO_UNCERTAINTY: Final = TemperatureUncertainty()
 
 
 class Stages(NamedTuple):
@@ -88,7 +88,7 @@ class Stages(NamedTuple):
     features: Features
     measured: Features
     fits: Adequacy
-    of_temperature: TemperatureUncertainty = KNOWN
+    of_temperature: TemperatureUncertainty = NO_UNCERTAINTY
 
 
 def diagnose_window(
@@ -134,7 +134,7 @@ def diagnose_window(
         base_dry=base_dry,
         viscous=viscous,
         noise_std=std if math.isfinite(std) else carried.noise_std,
-        probability=judgement.to_carry,
+        probability=judgement.next_prior,
         inadequate=0 if stages.fits.adequate else carried.inadequate + 1,
         fss=next_systems(carried, wheel, stages.assignment, stages.components, learn=known),
     )
@@ -171,8 +171,8 @@ def _run_stages(inputs: DiagnosisInput, given: tuple[Assignment, Estimate] | Non
 # Share of a wheel's unknown temperature variation that may occur within a window. A working assumption: of an orbit's
 # ±3 K and a year's ±15 K it is a fifth, of an orbit's alone it is all.
 WITHIN_WINDOW: Final = 0.5
-ANYTHING: Final = 10.0  # times viscous friction: so uncertain, no window is informative on it
-WORTH_SAYING: Final = 0.01  # of viscous friction: half of the spread of healthy wheels; less is not reported
+UNINFORMATIVE_SPREAD: Final = 10.0  # times viscous friction: so uncertain, no window is informative on it
+MIN_REPORTED_SHARE: Final = 0.01  # of viscous friction: half of the spread of healthy wheels; less is not reported
 
 
 def temperature_uncertainty(
@@ -192,12 +192,12 @@ def temperature_uncertainty(
     heat, known = evidence.heat, wheel.temperature
     share, reason = 0.0, ""
     if heat is None:
-        # The nominal band includes the spread (`model.spread_out`), unless temperature may vary within the window.
+        # The nominal band includes the spread (`model.with_wider_band`), unless temperature may vary within the window.
         share = (wheel.nominal.viscous_spread or 0.0) if wheel.nominal and not adequate else 0.0
         reason = "its viscous friction varies with a temperature that is not recorded"
     elif heat.unknown < 0.5 and known and not known.low_degC <= heat.mean_degC <= known.high_degC:
         return TemperatureUncertainty(
-            ANYTHING,
+            UNINFORMATIVE_SPREAD,
             reason=f"the bearing is at {heat.mean_degC:.3g} °C, and its viscous friction was learned from"
             f" {known.low_degC:.3g} °C to {known.high_degC:.3g} °C",
         )
@@ -209,11 +209,11 @@ def temperature_uncertainty(
             reason = f"the bearing's temperature stands still at {heat.mean_degC:.3g} °C while friction does not"
         share = abs(viscous_per_K(wheel, heat.mean_degC)) * error_K
     if share == 0.0:
-        return KNOWN
+        return NO_UNCERTAINTY
     level = 0.0
     if not adequate:
         level = WITHIN_WINDOW * share * max(components.viscous, 0.0) * evidence.sums.mean[0]
-    return TemperatureUncertainty(share, level, reason if share > WORTH_SAYING else "")
+    return TemperatureUncertainty(share, level, reason if share > MIN_REPORTED_SHARE else "")
 
 
 # ---- the judgement, and what follows from it -------------------------------------------------------------------------
@@ -225,7 +225,7 @@ def _judge(inputs: DiagnosisInput, stages: Stages) -> Judgement:
         return unjudged(features, names)
     if not covered(inputs):
         # The carried probabilities stay too: the few samples may have another sampling rate, or be of another wheel.
-        return unjudged(features, names)._replace(to_carry=dict(inputs.carried.probability))
+        return unjudged(features, names)._replace(next_prior=dict(inputs.carried.probability))
     window = inputs.wheel.window
     new_share = min(1.0, window.hop_slots / window.samples) if inputs.carried.windows else 1.0
     if not stages.fits.adequate:

@@ -75,14 +75,14 @@ def classify(features: Features, models: Sequence[AnomalyModel | None], names: S
     for name, model, values in zip(names, models, classified_values(features), strict=True):
         if model is None or model.svm is None:
             rate = model.rate if model else UNKNOWN
-            judged.append(Judged(name, rate, active=False, informative=False, unlike=False))
+            judged.append(Judged(name, rate, active=False, informative=False, unfamiliar=False))
             continue
         decision, probability = decide(model.svm, values)
         # Active is the sign of the decision, as printed; the calibrated probability must not contradict it.
         probability = max(probability, 0.5) if decision > 0 else min(probability, 0.5)
-        judged.append(Judged(name, probability, active=decision > 0, informative=True, unlike=False))
-    to_carry = {entry.name: entry.probability for entry in judged}
-    return Judgement(tuple(judged), features, to_carry, assigned_configurations(features))
+        judged.append(Judged(name, probability, active=decision > 0, informative=True, unfamiliar=False))
+    next_prior = {entry.name: entry.probability for entry in judged}
+    return Judgement(tuple(judged), features, next_prior, assigned_configurations(features))
 
 
 # ---- training --------------------------------------------------------------------------------------------------------

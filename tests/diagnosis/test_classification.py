@@ -135,7 +135,7 @@ def test_ruling_out_one_anomaly_window_after_window_is_no_evidence_for_another()
     silent = features(std=50.0)
     expected = 0.1
     for _ in range(5):
-        after = classify(silent._replace(viscous=1.0, viscous_std=1e-3), MODELS, NAMES, MODEL, carried).to_carry
+        after = classify(silent._replace(viscous=1.0, viscous_std=1e-3), MODELS, NAMES, MODEL, carried).next_prior
         expected = probability_before(expected, 0.2)
         assert after["dry"] == pytest.approx(expected, abs=0.03)
         carried = carried.model_copy(update={"probability": after})
@@ -149,7 +149,7 @@ def test_a_coefficient_that_no_window_measures_well_does_not_add_up(name: str, c
     for _ in range(50):
         judgement = classify(seen, MODELS, NAMES, MODEL, carried)
         found.append(next(entry.probability for entry in judgement.anomalies if entry.name == name))
-        carried = carried.model_copy(update={"probability": judgement.to_carry})
+        carried = carried.model_copy(update={"probability": judgement.next_prior})
     assert max(found) == found[0] < 0.5  # the first has nothing yet of the others, which are healthy
     assert found[-1] <= found[1] + 0.02
 
@@ -157,7 +157,7 @@ def test_a_coefficient_that_no_window_measures_well_does_not_add_up(name: str, c
 def test_overlapping_windows_do_not_count_their_evidence_twice() -> None:
     seen = features(viscous=1.08, std=0.02)
     carried = {
-        share: classify(seen, MODELS, NAMES, MODEL, EMPTY, share).to_carry["viscous"] for share in (0.0, 0.5, 1.0)
+        share: classify(seen, MODELS, NAMES, MODEL, EMPTY, share).next_prior["viscous"] for share in (0.0, 0.5, 1.0)
     }
     model = MODEL.anomaly("viscous")
     assert carried[0.0] == pytest.approx(model.rate, abs=0.02)
