@@ -10,7 +10,7 @@ from rwa_monitor.changepoints.evidence import WindowAccumulator
 from rwa_monitor.changepoints.stage_results import Evidence, NoiseEstimate
 from rwa_monitor.samples import BoolArray, FloatArray, Samples
 from rwa_monitor.simulation.datasets import LabelledWindow
-from rwa_monitor.wheel.torque_balance import mended_friction, motor_torque
+from rwa_monitor.wheel.torque_balance import corrected_friction, motor_torque
 from rwa_monitor.wheel.wheel import Wheel
 
 
@@ -97,4 +97,4 @@ def _on_slots(window: LabelledWindow) -> tuple[FloatArray, FloatArray]:
     measured, motor = motor_torque(samples, wheel), np.full(slots, np.nan)
     assert measured is not None  # recipes give friction or current
     motor[at] = measured
-    return speed, mended_friction(speed, motor, wheel)
+    return speed, corrected_friction(speed, motor, wheel)

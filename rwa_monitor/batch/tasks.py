@@ -26,7 +26,7 @@ from rwa_monitor.monitor.setup import read_wheel
 from rwa_monitor.monitor.telemetry_files import NO_DECODING, read_telemetry
 from rwa_monitor.samples import Samples
 from rwa_monitor.switching.carried_state import CarriedState
-from rwa_monitor.telemetry.files import beside, display_name
+from rwa_monitor.telemetry.files import companion_file, display_name
 from rwa_monitor.telemetry.reader import Decoding, WheelTelemetry
 from rwa_monitor.telemetry.table import read_table
 from rwa_monitor.threads import cores
@@ -209,7 +209,7 @@ class ReadFeatures:
         return [(by_joint.features, by_paper.features) for by_joint, by_paper in zip(joint, paper, strict=True)]
 
     def _wheel_of(self, file: Path) -> Wheel:
-        own = beside(file, ".wheel.toml")
+        own = companion_file(file, ".wheel.toml")
         if not own.exists():
             return self.wheel
         wheel = read_wheel(own)

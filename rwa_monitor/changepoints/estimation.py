@@ -32,7 +32,7 @@ class SlopePrior(NamedTuple):
     std: float = math.nan
 
 
-NOTHING_KNOWN: Final = SlopePrior()
+FLAT_PRIOR: Final = SlopePrior()
 # A viscous anomaly raises f_v by tens of per cent; the prior must not mask it where the window identifies f_v.
 NOMINAL_SLOPE_SPREAD: Final = 0.3  # [of the nominal coefficient]
 
@@ -45,13 +45,13 @@ def nominal_viscous(wheel: Wheel) -> float | None:
 
 
 def nominal_slope_prior(wheel: Wheel, spread: float = NOMINAL_SLOPE_SPREAD) -> SlopePrior:
-    """Return the prior of f_v from the wheel's nominal values; `NOTHING_KNOWN` where it has none."""
+    """Return the prior of f_v from the wheel's nominal values; `FLAT_PRIOR` where it has none."""
     nominal = nominal_viscous(wheel)
     # A wheel may have next to no viscous friction; a tenth of the nominal dry torque then sets the spread.
-    return NOTHING_KNOWN if nominal is None else SlopePrior(nominal, spread * max(nominal, 0.1))
+    return FLAT_PRIOR if nominal is None else SlopePrior(nominal, spread * max(nominal, 0.1))
 
 
-def estimate(evidence: Evidence, index: IntArray, prior: SlopePrior = NOTHING_KNOWN) -> Estimate:
+def estimate(evidence: Evidence, index: IntArray, prior: SlopePrior = FLAT_PRIOR) -> Estimate:
     """Estimate the level of each interval and the shared slope.
 
     Parameters

@@ -42,10 +42,10 @@ SCALES: Final = tuple(1 << k for k in range(MAX_SCALE.bit_length()))  # half-wid
 PEAK_TESTS_PER_SLOT: Final = 1.5  # independent tests per slot to which the peaks of all scales amount: about Σ 1/w
 # The most that the samples around an outlier add to its contrast, over slots and scales: calibrated on Student-t noise
 # with 4 degrees of freedom, so that its run length is the one requested (docs/false_alarms.md).
-BESIDE_OUTLIER: Final = 2.7
-UNKNOWN_TAIL: Final = 2.0  # safety factor on the largest outlier by chance, where no run length is requested
+NEIGHBOUR_CONTRAST: Final = 2.7
+TAIL_FACTOR: Final = 2.0  # safety factor on the largest outlier by chance, where no run length is requested
 FALSE_CANDIDATES: Final = 0.3  # tolerated on average in a window without a jump; the assignment rejects them
-UNKNOWN_K: Final = 1.0  # K: a temperature with this error or more counts as unknown: viscosity is off by 2 to 8 %
+UNKNOWN_ERROR_K: Final = 1.0  # K: a temperature with this error or more counts as unknown: viscosity is off by 2 to 8 %
 # Speed, torque, whether they are good, and the speed of `ViscousSpeed` (or no values), as `Window.gather` takes them.
 _Slots = tuple[FloatArray, FloatArray, BoolArray, FloatArray]
 _NO_VALUES: Final[FloatArray] = np.empty(0)
@@ -226,8 +226,8 @@ class WindowAccumulator:
             prior_std=prior.std,
             nominal_slope=prior.mean if known else 0.0,
             outlier=outlier,
-            sure_outlier=UNKNOWN_TAIL * outlier if asked is None else 0.0,
-            sure_margin=0.0 if asked is None else BESIDE_OUTLIER,
+            sure_outlier=TAIL_FACTOR * outlier if asked is None else 0.0,
+            sure_margin=0.0 if asked is None else NEIGHBOUR_CONTRAST,
             sure_statistic=(
                 threshold_for(FALSE_POSITIVE, 1.0)
                 if asked is None
@@ -341,7 +341,7 @@ class WindowAccumulator:
             return None
         temperature, error = temperature[used], error[used]
         mean, low, high = (float(of(temperature)) for of in (np.mean, np.min, np.max))
-        return Temperature(mean, low, high, float(np.mean(error)), float(np.mean(error >= UNKNOWN_K)))
+        return Temperature(mean, low, high, float(np.mean(error)), float(np.mean(error >= UNKNOWN_ERROR_K)))
 
     # ---- detection -------------------------------------------------------------------------------------------------
 
@@ -367,7 +367,7 @@ class WindowAccumulator:
         if not math.isfinite(variance):
             return 0.0, 0.0
         largest = largest_outlier(quantiles, variance, outlier_chance(self.slots))
-        return largest, UNKNOWN_TAIL * largest if asked is None else largest_outlier(quantiles, variance, 1.0 / asked)
+        return largest, TAIL_FACTOR * largest if asked is None else largest_outlier(quantiles, variance, 1.0 / asked)
 
     def _announced(self) -> list[ConfirmedCandidate]:
         """Return the reported peaks as events."""

@@ -122,7 +122,7 @@ class RunningSums:
 # dead band's samples, and the power of the friction that is periodic in the wheel's angle, in some short segments.
 
 
-STRETCHES: Final = 20
+RIPPLE_SEGMENTS: Final = 20
 
 
 class Structure(NamedTuple):
@@ -150,7 +150,7 @@ class Structure(NamedTuple):
 
 def stretch_hop(slots: int) -> int:
     """Return the slots from the begin of one segment of the ripple estimate to the next, in a window of `slots`."""
-    return max(STRETCH, slots // STRETCHES // BLOCK * BLOCK)
+    return max(STRETCH, slots // RIPPLE_SEGMENTS // BLOCK * BLOCK)
 
 
 class StructureSums(NamedTuple):

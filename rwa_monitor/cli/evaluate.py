@@ -48,11 +48,11 @@ def evaluate(diagnoses: Path, labels: Path, json: bool) -> int:
     A window raises an alarm of each active anomaly where its verdict is anomalous, over all of its time. The same
     scores are given for two dummies: one that alarms always and one that never does. docs/evaluate.md defines them.
     """
-    from rwa_monitor.telemetry.labels import beside_labels
+    from rwa_monitor.telemetry.labels import match_labels
 
     windows, problems = _read(diagnoses)
     cli.log(*problems)
-    kinds, together = beside_labels(windows, labels)
+    kinds, together = match_labels(windows, labels)
     scores = {kind: _scores(timelines) for kind, timelines in kinds.items()}
     overall = _scores(together)
     if json:

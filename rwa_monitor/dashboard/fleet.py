@@ -15,7 +15,7 @@ from rwa_monitor.history.database import AlarmRecord, RetirementEvent
 from rwa_monitor.messages import Changepoints, Diagnosis, Discrepancy, Message, Status
 from rwa_monitor.monitor.setup import Setup
 from rwa_monitor.samples import NANOSECONDS_PER_SECOND, FloatArray, IntArray, Samples, SlotGrid, concatenate
-from rwa_monitor.wheel.torque_balance import half_width, mended_friction, motor_torque
+from rwa_monitor.wheel.torque_balance import corrected_friction, half_width, motor_torque
 from rwa_monitor.wheel.wheel import Wheel as WheelConstants
 
 KEYS: Final = "rwa/*/*/*"  # on the bus
@@ -62,7 +62,7 @@ class DerivedFriction:
             return samples
         assert joined.motor_torque_Nm is not None  # given above, in both parts
         speed, torque = _on_grid(slot, joined.speed_rad_s), _on_grid(slot, joined.motor_torque_Nm)
-        friction = mended_friction(speed, torque, self.wheel)[slot]
+        friction = corrected_friction(speed, torque, self.wheel)[slot]
         end = int(slot[-1]) - self._half
         self._tail = joined[slot > end - self._half]
         ready = (slot <= end) & (joined.time_ns > self._returned_ns)

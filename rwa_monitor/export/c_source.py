@@ -25,7 +25,7 @@ from typing import Any, Final
 import jinja2
 import numpy as np
 
-from rwa_monitor.changepoints.evidence import UNKNOWN_TAIL, WindowAccumulator
+from rwa_monitor.changepoints.evidence import TAIL_FACTOR, WindowAccumulator
 from rwa_monitor.changepoints.noise import TAIL_RATIO, largest_outlier, outlier_chance
 from rwa_monitor.errors import InputError, RwaMonitorError
 from rwa_monitor.export.model import INPUTS, FrictionModel, Part, literal
@@ -254,7 +254,7 @@ def detector_files(model: FrictionModel) -> dict[str, bytes]:
         **{name: value for name, value in settings.items() if name not in NOT_ONBOARD},
         "tail_ratio": ratio,
         "tail_outlier": largest(chance, 1.0),
-        "tail_sure": largest(chance, UNKNOWN_TAIL) if asked is None else largest(1.0 / asked, 1.0),
+        "tail_sure": largest(chance, TAIL_FACTOR) if asked is None else largest(1.0 / asked, 1.0),
     }
     lines = [f"    .{name} = {_literal(value)}," for name, value in fields.items()]
     head = f"/* Of wheel file {wheel.sha256()}; do not edit, export again. */"

@@ -354,7 +354,7 @@ def _note(name: str, laws: Sequence[LearnedLaw], system: _System) -> str:
 LARGEST_ERROR: Final = 0.025
 DRIFT_VISIBLE_AT: Final = 6.0  # standard deviations, above which a drift is significant
 MOST_SYSTEMS: Final = max(len(counts) for tier in TIERS for counts in tier)
-MOST_ODD: Final = 0.1  # share of segments that fit no system; more are not due to chance
+MAX_UNEXPLAINED: Final = 0.1  # share of segments that fit no system; more are not due to chance
 SURE_BY: Final = 3.0  # log-likelihood by which one description must exceed the next: odds of 20
 MOST_TIMES: Final = 10.0  # largest factor on the recordings that is asked for, where two descriptions hardly differ
 
@@ -444,10 +444,10 @@ def check_distinguished(attribution: JumpAttribution, base: float, hours: float)
         If many segments fit no system, if other numbers of configurations fit nearly as well, or if two systems of two
         configurations have jumps of about the same size and duration.
     """
-    if attribution.odd > MOST_ODD:
+    if attribution.unexplained > MAX_UNEXPLAINED:
         raise InputError(
             "identify",
-            f"{100.0 * attribution.odd:.0f} % of the segments between jumps fit no sum of up to {MOST_SYSTEMS}"
+            f"{100.0 * attribution.unexplained:.0f} % of the segments between jumps fit no sum of up to {MOST_SYSTEMS}"
             " switching systems: is an effect missing, or does the wheel have more of them? Look at it with"
             " `discrepancy`, or write the systems into the wheel file",
         )

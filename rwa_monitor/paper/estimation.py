@@ -39,7 +39,7 @@ def estimate(signal: Signal, index: IntArray, noise: NoiseEstimate, w: int = SCA
         float64 (N_cp,), c_rjct: change of the log-likelihood when the intervals on both sides of a changepoint merge.
     """
     interval = np.searchsorted(index, np.arange(signal.x.size), side="right")
-    used = kept(signal.used, interval, index, w // 2)
+    used = away_from_changepoints(signal.used, interval, index, w // 2)
     x, z, place = signal.x[used], signal.z[used], interval[used]
     count = np.bincount(place, minlength=index.size + 1)
     seen, n = count > 0, np.maximum(count, 1)
@@ -69,7 +69,7 @@ def estimate(signal: Signal, index: IntArray, noise: NoiseEstimate, w: int = SCA
     return friction, rejection(n, level, noise, both)
 
 
-def kept(used: BoolArray, interval: IntArray, index: IntArray, error: int) -> BoolArray:
+def away_from_changepoints(used: BoolArray, interval: IntArray, index: IntArray, error: int) -> BoolArray:
     """Return the used samples outside Δk_error around each changepoint; in an interval without any, all used ones.
 
     At each end of an interval no more than a quarter of it is excluded.

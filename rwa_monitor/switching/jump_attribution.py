@@ -56,7 +56,7 @@ PRIOR_SIGMA: Final = 0.7
 PRIOR_SIZES: Final = 0.5
 PRIOR_SPREAD: Final = 0.05
 SIGMAS: Final = (0.05, 2.0)
-CUT_BY: Final = 0.3  # log ratio of the assumed to the observed duration of a sojourn that the record cuts
+CENSORED_EXCESS: Final = 0.3  # log ratio of the assumed to the observed duration of a sojourn that the record cuts
 VISIT_JUMPS: Final = 8  # jumps after a jump up among which the one that cancels it is searched
 CLOSED_WITHIN: Final = 3.5  # standard deviations by which the jump back may differ in size from the entry
 START_SPREAD: Final = 0.3  # of a size, at the start
@@ -188,7 +188,7 @@ class JumpAttribution(NamedTuple):
     alternatives
         Other descriptions, best first: configurations of the systems, and by how much their criterion is worse: the
         log-likelihood less half log n for each parameter.
-    odd
+    unexplained
         Share of the segments whose level no system explains.
     """
 
@@ -196,7 +196,7 @@ class JumpAttribution(NamedTuple):
     visits: tuple[tuple[Visit, ...], ...]
     base: tuple[tuple[float, int], ...]
     alternatives: tuple[tuple[tuple[int, ...], float], ...]
-    odd: float
+    unexplained: float
 
 
 def attribute_jumps(records: Sequence[Segments], base: float) -> JumpAttribution:
@@ -219,9 +219,9 @@ def attribute_jumps(records: Sequence[Segments], base: float) -> JumpAttribution
         if not _is_halved(chains, visits):
             break
         del order[0]
-    odd = float(np.mean(np.concatenate([path.outlier for path in paths])))
+    unexplained = float(np.mean(np.concatenate([path.outlier for path in paths])))
     alternatives = tuple((counts, float(criterion - known[counts][0])) for counts in order[1:])
-    return JumpAttribution(chains, visits, bases, alternatives, odd)
+    return JumpAttribution(chains, visits, bases, alternatives, unexplained)
 
 
 def _first_of(records: Sequence[Segments], jumps: int) -> list[Segments]:
@@ -535,7 +535,7 @@ def _estimated(chains: Chains, visits: Sequence[Sequence[Visit]], bases: Sequenc
 def _law(seen: Sequence[Visit], before: float) -> tuple[float, float]:
     """Return mean and std of the log of the slots; sojourns that were cut count as somewhat longer than observed."""
     logs = np.array(
-        [np.log(visit.slots) if visit.whole else max(np.log(visit.slots) + CUT_BY, before) for visit in seen]
+        [np.log(visit.slots) if visit.whole else max(np.log(visit.slots) + CENSORED_EXCESS, before) for visit in seen]
     )
     if not any(visit.whole for visit in seen):
         return (float(np.mean(logs)) if logs.size else before), START_SIGMA

@@ -34,7 +34,7 @@ def display_name(path: PathLike) -> str:
     return os.fsencode(path).decode("utf-8", "replace")
 
 
-def beside(recording: Path, suffix: str) -> Path:
+def companion_file(recording: Path, suffix: str) -> Path:
     """Return the name of a file that belongs to a recording: its own name with a suffix added."""
     return recording.with_name(recording.name + suffix)
 
@@ -83,7 +83,7 @@ def read_text(file: PathLike, limit: int) -> str:
     """
     path = Path(file)
     content = read_bytes(path, limit)
-    hash_file = beside(path, SHA256_SUFFIX)
+    hash_file = companion_file(path, SHA256_SUFFIX)
     if hash_file.exists():
         stated = read_bytes(hash_file, MAX_CONTENT_BYTES).split(maxsplit=1)
         if not stated or stated[0].decode("ascii", "replace").lower() != sha256(content).hexdigest():

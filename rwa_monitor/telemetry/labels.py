@@ -27,7 +27,7 @@ from rwa_monitor.errors import InputError, MissingExtraError, did_you_mean
 from rwa_monitor.messages import ClockNs, Diagnosis, Message, Name, Verdict
 from rwa_monitor.simulation.datasets import LabelledWindow, truth_document
 from rwa_monitor.simulation.record import Truth
-from rwa_monitor.telemetry.files import beside, display_name, read_text, write_text
+from rwa_monitor.telemetry.files import companion_file, display_name, read_text, write_text
 from rwa_monitor.telemetry.scores import Interval, Timeline, union
 from rwa_monitor.telemetry.table import write_parquet
 from rwa_monitor.wheel.wheel import RESERVED_ANOMALIES, built_in_wheel
@@ -182,11 +182,11 @@ def write_truth(window: LabelledWindow, recording: Path, **provenance: Any) -> s
         Why the table of slots is not written, "" where it is.
     """
     if window.wheel != built_in_wheel():
-        write_text(beside(recording, ".wheel.toml"), window.wheel.to_toml())
+        write_text(companion_file(recording, ".wheel.toml"), window.wheel.to_toml())
     document = {**truth_document(window), **provenance}
-    write_text(beside(recording, ".truth.json"), json.dumps(document, indent=1, allow_nan=False) + "\n")
+    write_text(companion_file(recording, ".truth.json"), json.dumps(document, indent=1, allow_nan=False) + "\n")
     try:
-        write_parquet(slot_columns(window.telemetry.truth), beside(recording, ".truth.pq"))
+        write_parquet(slot_columns(window.telemetry.truth), companion_file(recording, ".truth.pq"))
     except MissingExtraError as error:
         return f"no table of the truth in every slot: {error}"
     return ""
@@ -242,7 +242,7 @@ class JudgedWindow(Message):
         return frozenset(name for name, one in self.anomalies.items() if one.active and self.verdict == "anomalous")
 
 
-def beside_labels(diagnoses: Iterable[JudgedWindow], labels: Path) -> tuple[dict[str, list[Timeline]], list[Timeline]]:
+def match_labels(diagnoses: Iterable[JudgedWindow], labels: Path) -> tuple[dict[str, list[Timeline]], list[Timeline]]:
     """Match diagnosed windows with labels; return timelines of each kind of anomaly, and those of all kinds together.
 
     With a labels.csv each wheel of each file is a timeline, and a label an event that spans it; with a table of events

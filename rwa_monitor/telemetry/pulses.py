@@ -17,9 +17,9 @@ from rwa_monitor.samples import NANOSECONDS_PER_SECOND, FloatArray, IntArray, Sa
 from rwa_monitor.words import counted
 
 REACH: Final = 5  # steps to each side, at least, whose median is the usual step; a turn, where that is more
-SPREADS: Final = 6.0  # robust standard deviations of the steps about the usual one, beyond which a step is not regular
-LEAST_OFF: Final = 0.02  # deviation over the usual step: a smaller one is a timing error, not a pulse too many
-MOST_OFF: Final = 0.25  # deviation over the usual step: halfway between a regular step and half of one
+SIGMAS: Final = 6.0  # robust standard deviations of the steps about the usual one, beyond which a step is not regular
+MIN_TOLERANCE: Final = 0.02  # deviation over the usual step: a smaller one is a timing error, not a pulse too many
+MAX_TOLERANCE: Final = 0.25  # deviation over the usual step: halfway between a regular step and half of one
 LEAST_REGULAR: Final = 0.8  # share of the steps: with fewer, missed pulses and phantoms cannot be distinguished
 MOST_MISSED: Final = 10.0  # pulses in a row: for more, the speed is not known well enough to count them
 
@@ -82,7 +82,7 @@ def speed_of_pulses(pulses: Samples, pulses_per_turn: int, source: str) -> Turni
     step = np.diff(time)
     usual = _usual(step, min(max(REACH, pulses_per_turn), step.size // 2))
     off = np.abs(step / usual - 1.0)  # a step is regular if it deviates no more than most do
-    most_off = np.clip(SPREADS / math.sqrt(CHI_MEDIAN) * float(np.median(off)), LEAST_OFF, MOST_OFF)
+    most_off = np.clip(SIGMAS / math.sqrt(CHI_MEDIAN) * float(np.median(off)), MIN_TOLERANCE, MAX_TOLERANCE)
     regular = off <= most_off
     if float(np.mean(regular)) < LEAST_REGULAR:
         raise InputError(

@@ -14,7 +14,7 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rwa_monitor.changepoints.evidence import UNKNOWN_K, ViscousSpeed
+from rwa_monitor.changepoints.evidence import UNKNOWN_ERROR_K, ViscousSpeed
 from rwa_monitor.kernels.ingest import HANGING_SLOTS, HANGS, OUTSTANDING_SLOTS, STANDS_OUT, judge
 from rwa_monitor.kernels.running_sums import BLOCK
 from rwa_monitor.samples import BoolArray, FloatArray, IntArray, Samples
@@ -23,11 +23,11 @@ from rwa_monitor.wheel.effects.catalogue import effect_torque, mean_effects, vis
 from rwa_monitor.wheel.effects.drag_laws import SEASON_K, ORIGIN_degC
 from rwa_monitor.wheel.torque_balance import (
     Source,
+    corrected_friction,
     differentiate_over_gaps,
     friction_torque,
     half_width,
     inertia_of,
-    mended_friction,
     motor_torque,
 )
 from rwa_monitor.wheel.wheel import Wheel
@@ -505,7 +505,7 @@ class FrictionSource:
         speed, motor = ring.read_required(start - self.reach, stop + self.reach)
         acceleration = differentiate_over_gaps(speed, self.wheel.friction.derivative, self.wheel.sample_period_s)
         here = slice(self.reach, self.reach + stop - start)
-        friction = mended_friction(speed, motor, self.wheel, acceleration)[here] if self.derived else torque.copy()
+        friction = corrected_friction(speed, motor, self.wheel, acceleration)[here] if self.derived else torque.copy()
         acceleration = acceleration[here]
         masked = 0
         faults: list[Fault] = []
@@ -595,5 +595,5 @@ class FrictionSource:
         torque, viscous_speed, effects = effect_torque(self.effects, channels, friction, viscous, effects)
         self.memories = [*effects, *of_temperature]
         if self.adds_by_temperature:
-            torque = np.where(error < UNKNOWN_K, torque, np.nan)
+            torque = np.where(error < UNKNOWN_ERROR_K, torque, np.nan)
         return torque, ViscousSpeed(viscous_speed, temperature, error)

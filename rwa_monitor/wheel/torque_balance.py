@@ -264,7 +264,7 @@ def derive_friction(speed_rad_s: FloatArray, motor_torque_Nm: FloatArray, wheel:
     return friction_torque(motor_torque_Nm, acceleration, inertia_of(wheel))
 
 
-def mended_friction(
+def corrected_friction(
     speed_rad_s: FloatArray,
     motor_torque_Nm: FloatArray,
     wheel: Wheel,
@@ -295,7 +295,7 @@ def friction_of(samples: Samples, wheel: Wheel) -> FloatArray:
         return samples.friction_torque_Nm
     torque = motor_torque(samples, wheel)
     assert torque is not None, "there is a source"
-    return mended_friction(samples.speed_rad_s, torque, wheel)
+    return corrected_friction(samples.speed_rad_s, torque, wheel)
 
 
 def derived_noise_variance(wheel: Wheel, speed_std_rad_s: float, current_std_A: float = 0.0) -> float:

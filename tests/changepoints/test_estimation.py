@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from rwa_monitor.changepoints.estimation import (
-    NOTHING_KNOWN,
+    FLAT_PRIOR,
     SlopePrior,
     estimate,
     nominal_slope_prior,
@@ -33,7 +33,7 @@ def _record(seed=1, n=2000, jumps=((600, 0.5), (1400, -0.3))):
     return x, z, np.array([index for index, _ in jumps], dtype=np.int64)
 
 
-def _least_squares(x, z, used, index, prior=NOTHING_KNOWN):
+def _least_squares(x, z, used, index, prior=FLAT_PRIOR):
     """Solve the paper's Y = H [F, f_v] as it stands, with the matrix written out."""
     edges = np.concatenate([[0], index, [z.size]])
     start, stop = edges[:-1], edges[1:]

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from rwa_monitor.dashboard.fleet import DerivedFriction, Rhythm, VerdictHistory
 from rwa_monitor.samples import NANOSECONDS_PER_SECOND as SECOND
 from rwa_monitor.samples import Samples
-from rwa_monitor.wheel.torque_balance import mended_friction
+from rwa_monitor.wheel.torque_balance import corrected_friction
 from rwa_monitor.wheel.wheel import built_in_wheel
 from tests.history.support import START_NS, WINDOW_NS, diagnosis
 
@@ -28,7 +28,7 @@ def current(n: int) -> Samples:
 @given(st.lists(st.integers(1, 199), max_size=12, unique=True))
 def test_friction_from_current_does_not_depend_on_the_messages(cuts: list[int]) -> None:
     whole = current(200)
-    expected = mended_friction(whole.speed_rad_s, WHEEL.torque_constant_Nm_A * whole.motor_current_A, WHEEL)
+    expected = corrected_friction(whole.speed_rad_s, WHEEL.torque_constant_Nm_A * whole.motor_current_A, WHEEL)
     derived = DerivedFriction(WHEEL)
     bounds = [0, *sorted(cuts), 200]
     parts = [derived.add(whole[a:b]) for a, b in itertools.pairwise(bounds)]

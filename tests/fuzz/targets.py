@@ -46,7 +46,7 @@ from rwa_monitor.samples import Samples
 from rwa_monitor.simulation.scenario import Scenario
 from rwa_monitor.telemetry.ccsds_packets import PacketDecoder, read_packets
 from rwa_monitor.telemetry.files import read_text
-from rwa_monitor.telemetry.labels import JudgedAnomaly, JudgedWindow, beside_labels, read_labels, write_labels
+from rwa_monitor.telemetry.labels import JudgedAnomaly, JudgedWindow, match_labels, read_labels, write_labels
 from rwa_monitor.telemetry.reader import Decoding, TelemetryFile, TextFile
 from rwa_monitor.telemetry.ros2_bag import read_bag
 from rwa_monitor.telemetry.scores import score
@@ -234,7 +234,7 @@ def read_some_events(data: bytes) -> None:
     anomalies = {name: JudgedAnomaly(active=True) for name in ("dry", "viscous")}
     place = {"wheel": "w", "source": "table.csv", "window_start_ns": 0, "window_end_ns": 100}
     window = JudgedWindow(**place, verdict="anomalous", anomalies=anomalies)
-    kinds, overall = beside_labels([window], kept("events.csv", data))
+    kinds, overall = match_labels([window], kept("events.csv", data))
     for timelines in (*kinds.values(), overall):
         shares = [share for share in asdict(score(timelines)).values() if isinstance(share, float)]
         assert all(-1e-9 <= share <= 1 + 1e-9 for share in shares)

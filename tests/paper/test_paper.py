@@ -14,7 +14,7 @@ from rwa_monitor.kernels.wglr import wglr as compiled
 from rwa_monitor.paper.assignment import LOG_IMPOSSIBLE, assign, split
 from rwa_monitor.paper.classification import classify, histogram, train_svm, with_classifiers
 from rwa_monitor.paper.detection import SCALE, THRESHOLD, Signal, detect, maxima_of_runs, wglr
-from rwa_monitor.paper.estimation import estimate, kept
+from rwa_monitor.paper.estimation import away_from_changepoints, estimate
 from rwa_monitor.wheel.wheel import built_in_wheel
 from tests.changepoints.test_evidence import _gather, _telemetry
 from tests.diagnosis.test_classification import MODEL, MODELS, NAMES, features
@@ -83,7 +83,7 @@ def test_levels_and_slope_are_those_of_the_printed_matrix(share: float) -> None:
     signal = _signal(share=share)
     found, _ = estimate(signal, INDEX, NOISE)
     interval = np.searchsorted(INDEX, np.arange(3000), side="right")
-    used = kept(signal.used, interval, INDEX, SCALE // 2)
+    used = away_from_changepoints(signal.used, interval, INDEX, SCALE // 2)
     h = np.column_stack([np.equal.outer(interval[used], np.arange(4)), signal.x[used]])
     solution, covariance = np.linalg.lstsq(h, signal.z[used], rcond=None)[0], SIGMA**2 * np.linalg.inv(h.T @ h)
     assert [*found.level, found.viscous] == pytest.approx(solution, rel=1e-9)

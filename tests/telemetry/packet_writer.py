@@ -17,7 +17,7 @@ from spacepackets.ccsds.spacepacket import SpacePacketHeader
 from rwa_monitor.messages import split_key
 from rwa_monitor.samples import NANOSECONDS_PER_SECOND, FloatArray, Samples
 from rwa_monitor.telemetry.ccsds_packets import SEQUENCE_MODULUS
-from rwa_monitor.telemetry.files import beside
+from rwa_monitor.telemetry.files import companion_file
 from rwa_monitor.telemetry.reader import Decoding, TextFile
 
 XTCE_FILE: Final = Path(__file__).parents[2] / "docs" / "examples" / "wheel_packet.xtce.xml"
@@ -80,8 +80,8 @@ def write_packets(samples: Samples, path: Path) -> None:
     assert decoding.map is not None
     assert decoding.xtce is not None
     path.write_bytes(b"".join(packets_of(samples, FIRST_APID)))
-    beside(path, MAP_SUFFIX).write_text(decoding.map.text)
-    beside(path, XTCE_SUFFIX).write_text(decoding.xtce.text)
+    companion_file(path, MAP_SUFFIX).write_text(decoding.map.text)
+    companion_file(path, XTCE_SUFFIX).write_text(decoding.xtce.text)
 
 
 def packets_of(samples: Samples, apid: int, first_count: int = 0) -> Iterator[bytes]:

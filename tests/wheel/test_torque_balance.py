@@ -143,7 +143,7 @@ def test_where_torque_steps_derived_friction_is_known_to_be_wrong(torque_Nm):
     rounding = tb.rounding_error(speed, motor, SLEWS)
     std = np.sqrt(tb.derived_noise_variance(SLEWS, SPEED_STD))
     assert np.nanmax(np.abs(derived - friction)) > 0.3 * torque_Nm
-    assert np.nanmax(np.abs(tb.mended_friction(speed, motor, SLEWS) - friction)) < 6.0 * std
+    assert np.nanmax(np.abs(tb.corrected_friction(speed, motor, SLEWS) - friction)) < 6.0 * std
     reach = tb.half_width(GOLAY, PERIOD) + 1
     touched = np.abs(np.arange(rounding.size)[:, None] - steps).min(axis=1) <= reach
     assert np.isnan(rounding[np.concatenate((steps - 1, steps))]).all()
@@ -175,7 +175,7 @@ def test_a_smooth_bend_is_taken_out(period_s):
     rate = 2 * np.pi / period_s
     speed = 150.0 + 5.0 * np.sin(rate * time)
     torque = 1.6e-3 + tb.inertia_of(SLEWS) * 5.0 * rate * np.cos(rate * time)
-    left = tb.mended_friction(speed, torque, SLEWS) - 1.6e-3
+    left = tb.corrected_friction(speed, torque, SLEWS) - 1.6e-3
     half = tb.half_width(GOLAY, PERIOD)
     assert np.nanmax(np.abs(left)) <= tb.LEAST_ERROR * 1.6e-3  # less is not looked at
     assert np.isfinite(left[half:-half]).all()

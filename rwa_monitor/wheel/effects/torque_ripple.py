@@ -39,7 +39,7 @@ def angle_range_turns(channels: Channels) -> float:
     return float(np.ptp(channels.known(angle))) / (2.0 * np.pi)
 
 
-def half_a_line(channels: Channels) -> float:
+def half_line_width(channels: Channels) -> float:
     """Return half an order over the range of the angle in turns: the width of a line; 0 where the turns are many."""
     turns = angle_range_turns(channels)
     return 0.5 / turns if 0.0 < turns < MANY_TURNS else 0.0
@@ -101,7 +101,7 @@ class TorqueRipple(MeanEffect):
             ORDERS[-1],
             6.0,
             choices=ORDERS,
-            between=half_a_line,
+            between=half_line_width,
             shown=orders_shown,
         ),
     )
