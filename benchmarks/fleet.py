@@ -24,7 +24,7 @@ import psutil
 
 from benchmarks.machine import describe_machine, peak_memory_bytes
 from benchmarks.page import add_output_option, page, put_out, table
-from rwa_monitor.batch.tasks import Diagnose, each
+from rwa_monitor.batch.tasks import Diagnose, map_files
 from rwa_monitor.simulation.record import simulate
 from rwa_monitor.simulation.scenario import Scenario
 from rwa_monitor.telemetry.table import table_writer
@@ -64,12 +64,12 @@ def _recording(folder: Path, seed: int) -> Path:
 
 def _measure(files: list[Path], workers: int, repeats: int) -> dict[str, Any]:
     """Return the seconds of each repeat, the peak memory [MB] of a worker, and processor times per recording [ms]."""
-    list(each(Diagnose(), files[: 2 * workers], workers=workers))  # starts the workers and their imports
+    list(map_files(Diagnose(), files[: 2 * workers], workers=workers))  # starts the workers and their imports
     seconds = []
     before, own = _worker_s(workers), time.process_time()
     for _ in range(repeats):
         began = time.perf_counter()
-        outcomes = list(each(Diagnose(), files, workers=workers))
+        outcomes = list(map_files(Diagnose(), files, workers=workers))
         seconds.append(time.perf_counter() - began)
         assert not any(outcome.error for outcome in outcomes)
     own = time.process_time() - own

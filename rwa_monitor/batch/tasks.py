@@ -39,7 +39,7 @@ if TYPE_CHECKING:
 
 CarriedStates = dict[tuple[str, str], CarriedState]  # by spacecraft and wheel
 # Words for samples that no window used, by attribute of `ingest.Counts`.
-NOT_USED: Final = {
+UNUSED_WORDS: Final = {
     "masked": "were masked",
     "rejected": "rejected",
     "late": "late",
@@ -134,7 +134,7 @@ class Diagnose:
         found.diagnoses.extend(monitor.finish())
         found.carried[key] = monitor.carried
         found.notes.extend(f"{telemetry.source}: {trouble}" for trouble in monitor.troubles)
-        lost = [f"{monitor.counts[name]} {words}" for name, words in NOT_USED.items() if monitor.counts[name]]
+        lost = [f"{monitor.counts[name]} {words}" for name, words in UNUSED_WORDS.items() if monitor.counts[name]]
         if monitor.counts["masked"] and monitor.why_masked:
             why = "; ".join(f"{count} {words}" for words, count in monitor.why_masked.items())
             lost[0] = f"{lost[0]} ({why})"
@@ -225,11 +225,11 @@ Result = TypeVar("Result")
 Task = Callable[[Path], Result]  # executed for each recording
 BLOCK: Final = 64  # recordings for each process at a time: finished results wait in memory for those before them
 # Recordings submitted to Dask together, at most: its overhead, some 7 ms, is a third of diagnosing one short recording.
-PARCEL: Final = 8
+DASK_CHUNK: Final = 8
 # Parcels submitted at a time, per worker: no worker is idle while the first in order is processed, and memory does not
 # grow with the number of recordings.
-PARCELS_PER_WORKER: Final = BLOCK // PARCEL
-FEW: Final = 4  # recordings for each process at least: starting one takes a second or two
+CHUNKS_PER_WORKER: Final = BLOCK // DASK_CHUNK
+MIN_PER_PROCESS: Final = 4  # recordings for each process at least: starting one takes a second or two
 IDLE_S: Final = 10  # after which an idle process ends, even if its parent was killed
 CONNECT_TIMEOUT_S: Final = 5
 
@@ -253,7 +253,7 @@ class Outcome(Generic[Result]):
     error: str = ""
 
 
-def each(
+def map_files(
     task: Task[Result], files: Sequence[Path], *, scheduler: str | None = None, workers: int | None = None
 ) -> Iterator[Outcome[Result]]:
     """Execute a task for each recording, and yield the outcomes in the order of `files`.
@@ -277,7 +277,7 @@ def each(
         If the scheduler cannot be reached, its workers run another release, or Dask is not installed.
     """
     if workers is None:
-        workers = max(1, min(cores(), len(files) // FEW))
+        workers = max(1, min(cores(), len(files) // MIN_PER_PROCESS))
     if scheduler is not None:
         with _client(scheduler) as client:
             yield from _on_cluster(client, task, files)
@@ -360,7 +360,7 @@ def _on_cluster(client: Client, task: Task[Result], files: Sequence[Path]) -> It
     # again if the worker that holds it dies.
     shared = client.submit(partial, _guarded, task, pure=False)
     workers = max(1, len(client.scheduler_info(n_workers=-1)["workers"]))
-    size = max(1, min(PARCEL, len(files) // (workers * PARCELS_PER_WORKER)))
+    size = max(1, min(DASK_CHUNK, len(files) // (workers * CHUNKS_PER_WORKER)))
     waiting = deque(files[first : first + size] for first in range(0, len(files), size))
     on_the_way: deque[tuple[Sequence[Path], Any]] = deque()
 
@@ -369,7 +369,7 @@ def _on_cluster(client: Client, task: Task[Result], files: Sequence[Path]) -> It
         return client.submit(_parcel, shared, parcel, pure=False)
 
     while waiting or on_the_way:
-        while waiting and len(on_the_way) < workers * PARCELS_PER_WORKER:
+        while waiting and len(on_the_way) < workers * CHUNKS_PER_WORKER:
             on_the_way.append((waiting[0], submit(waiting.popleft())))
         parcel, future = on_the_way.popleft()
         if future.exception() is None:

@@ -121,7 +121,7 @@ def _one_by_one(task: Diagnose, recordings: cli.Recordings, carry: bool) -> Iter
 
 def _at_once(task: Diagnose, recordings: cli.Recordings, many: AtOnce) -> Iterator[Diagnosis]:
     """Diagnose many files at once."""
-    from rwa_monitor.batch.tasks import each
+    from rwa_monitor.batch.tasks import map_files
     from rwa_monitor.telemetry.files import make_folder
     from rwa_monitor.telemetry.table import arrow
 
@@ -132,7 +132,7 @@ def _at_once(task: Diagnose, recordings: cli.Recordings, many: AtOnce) -> Iterat
 
         store = Store(many.results, task)
         make_folder(many.results)
-    outcomes = each(store or task, recordings.files, scheduler=many.scheduler, workers=many.workers)
+    outcomes = map_files(store or task, recordings.files, scheduler=many.scheduler, workers=many.workers)
     for outcome in cli.track(outcomes, len(recordings.files), "diagnosing"):
         if outcome.result is None:
             recordings.failed(outcome.file, outcome.error)

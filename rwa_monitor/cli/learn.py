@@ -74,7 +74,7 @@ def train(labels_file: Path, wheel: Path, output: Path, scheduler: str | None, w
     label holds for all windows of its file. A last window that is not full is left out where there are full ones. A
     file with a wheel of its own beside it (FILE.wheel.toml, as `simulate dataset` writes it) is read with that one.
     """
-    from rwa_monitor.batch.tasks import ReadFeatures, each
+    from rwa_monitor.batch.tasks import ReadFeatures, map_files
     from rwa_monitor.diagnosis.training import LabelledFeatures, train
     from rwa_monitor.monitor.setup import read_wheel
     from rwa_monitor.paper.classification import with_classifiers
@@ -85,7 +85,7 @@ def train(labels_file: Path, wheel: Path, output: Path, scheduler: str | None, w
     constants = read_wheel(wheel)
     files = read_labels(labels_file)
     reader = ReadFeatures(constants)
-    outcomes = each(reader, [file.path for file in files], scheduler=scheduler, workers=workers)
+    outcomes = map_files(reader, [file.path for file in files], scheduler=scheduler, workers=workers)
     joint, paper, failed = [], [], 0
     for file, outcome in zip(files, cli.track(outcomes, len(files), "reading windows"), strict=True):
         if outcome.result is None:

@@ -115,14 +115,14 @@ def _add_wheel(add: Callable[..., None], known: Wheel) -> None:
     """Add the metrics of a wheel; `add` labels each with the wheel's name."""
     if known.diagnosis is not None:
         _add_diagnosis(add, known.diagnosis)
-    if known.rhythm.wall_ns is not None:
+    if known.arrivals.wall_ns is not None:
         add(
             "rwa_wheel_telemetry_age_seconds",
             "Time since samples of the wheel came last.",
-            _age_s(known.rhythm.wall_ns),
+            _age_s(known.arrivals.wall_ns),
         )
         about = "Age at which its samples are stale."
-        add("rwa_wheel_telemetry_stale_after_seconds", about, known.rhythm.stale_after_s)
+        add("rwa_wheel_telemetry_stale_after_seconds", about, known.arrivals.stale_after_s)
     if known.status is not None:
         about = "Time since the wheel's monitor reported last."
         add("rwa_monitor_status_age_seconds", about, _age_s(known.latest[Status.kind].wall_ns))
@@ -518,7 +518,7 @@ class Api:
                 raise HTTPException(404, "no such wheel")
             return
         with self._fleet.lock:
-            last_ns, stale_after_s = known.rhythm.wall_ns, known.rhythm.stale_after_s
+            last_ns, stale_after_s = known.arrivals.wall_ns, known.arrivals.stale_after_s
         if last_ns is not None and time.time_ns() - last_ns < stale_after_s * NANOSECONDS_PER_SECOND:
             reason = f"its telemetry is of now: it can be retired when none has come for {stale_after_s:.0f} s"
             raise InputError(f"{spacecraft}/{wheel}", reason)

@@ -291,7 +291,7 @@ class Listener(BusThread):
 
         def write() -> None:
             changed = self.history.take_monitors(changes)
-            self._monitors.written(changes)
+            self._monitors.mark_stored(changes)
             self.notifier.publish(*changed)
 
         if changes:
@@ -407,7 +407,7 @@ class Listener(BusThread):
 
 @dataclass(slots=True)
 class _Monitor:
-    """The monitor of one wheel; `written` is its silence as stored in the history, None if nothing is stored.
+    """The monitor of one wheel; `stored` is its silence as stored in the history, None if nothing is stored.
 
     `last_s`, and `since` in words, are the time of its last status, or before the first when waiting for it began.
     """
@@ -416,7 +416,7 @@ class _Monitor:
     since: str
     has_reported: bool = False
     time_ns: int | None = None
-    written: bool | None = None
+    stored: bool | None = None
 
 
 class MonitorWatch:
@@ -447,7 +447,7 @@ class MonitorWatch:
         self._silent_s = silent_s
         self._clock_s, self._wall_ns = clock_s, wall_ns
         since = f"this dashboard was started, at {time_text(wall_ns())}"
-        self._monitors = {name: _Monitor(clock_s(), since, written=alarmed) for name, alarmed in expected.items()}
+        self._monitors = {name: _Monitor(clock_s(), since, stored=alarmed) for name, alarmed in expected.items()}
 
     def take_status(self, spacecraft: str, wheel: str, time_ns: int | None) -> None:
         """Register a status of a wheel's monitor, and the time of the wheel's latest sample [ns], if it has one."""
@@ -480,12 +480,12 @@ class MonitorWatch:
             silent = silence_s > self._silent_s
             if not silent and not one.has_reported:
                 continue  # expected, without a status yet: the stored state remains
-            if silent != one.written and not (silent and name in retired):
+            if silent != one.stored and not (silent and name in retired):
                 reason = f"No monitor has reported since {one.since}: {silence_s:.0f} s and longer. {trouble}".rstrip()
                 found.append(MonitorState(*name, silent, one.time_ns, reason if silent else ""))
         return found
 
-    def written(self, states: Iterable[MonitorState]) -> None:
+    def mark_stored(self, states: Iterable[MonitorState]) -> None:
         """Register that the history holds these states."""
         for state in states:
-            self._monitors[state.spacecraft, state.wheel].written = state.silent
+            self._monitors[state.spacecraft, state.wheel].stored = state.silent

@@ -26,11 +26,11 @@ REMEMBERED: Final = 50  # windows that a verdict history keeps, and is initialis
 # ---- samples for the page: derived friction, and the intervals between messages --------------------------------------
 
 
-SPARSEST: Final = 8  # slots per sample up to which samples are assigned to the slot grid
+MAX_SLOTS_PER_SAMPLE: Final = 8  # slots per sample up to which samples are assigned to the slot grid
 LEAST_STALE_S: Final = 10.0
 FIRST_STALE_S: Final = 60.0  # until the first message
-RHYTHMS: Final = 8  # intervals between messages that are kept
-FASTEST: Final = 2_000.0  # times real time: messages at shorter intervals are from a history, and do not count
+KEPT_INTERVALS: Final = 8  # intervals between messages that are kept
+MAX_LIVE_SPEED: Final = 2_000.0  # times real time: messages at shorter intervals are from a history, and do not count
 
 
 class DerivedFriction:
@@ -57,7 +57,7 @@ class DerivedFriction:
         if tail is not None and 0 < joined.time_ns[0] - tail.time_ns[-1] <= 2 * self._half * period_ns:
             joined = concatenate([tail, joined])
         slot = SlotGrid(int(joined.time_ns[0]), period_ns).slot_of(joined.time_ns)
-        if np.any(np.diff(slot) <= 0) or slot[-1] >= SPARSEST * len(joined):
+        if np.any(np.diff(slot) <= 0) or slot[-1] >= MAX_SLOTS_PER_SAMPLE * len(joined):
             self._tail = None
             return samples
         assert joined.motor_torque_Nm is not None  # given above, in both parts
@@ -81,7 +81,7 @@ def _on_grid(slots: IntArray, values: NDArray[np.floating[Any]]) -> FloatArray:
     return grid
 
 
-class Rhythm:
+class ArrivalTimes:
     """When a wheel's samples last arrived, and after what time they are stale, by this machine's clock.
 
     Telemetry may arrive every second, every half minute, or once in a pass: the limit follows from the wheel's own
@@ -92,14 +92,14 @@ class Rhythm:
         self.wall_ns: int | None = None
         self._span_s = FIRST_STALE_S / messages.INTERVALS_TILL_LATE
         self._last_sample_ns: int | None = None
-        self._intervals: deque[float] = deque(maxlen=RHYTHMS)
+        self._intervals: deque[float] = deque(maxlen=KEPT_INTERVALS)
 
     def take_samples(self, time_ns: IntArray, wall_ns: int) -> None:
         """Register a message of samples."""
         self._span_s = float(time_ns[-1] - time_ns[0]) / NANOSECONDS_PER_SECOND
         if self.wall_ns is not None:
             interval_s = (wall_ns - self.wall_ns) / NANOSECONDS_PER_SECOND
-            if interval_s > self._span_s / FASTEST:
+            if interval_s > self._span_s / MAX_LIVE_SPEED:
                 self._intervals.append(interval_s)
         self.wall_ns = wall_ns
 
@@ -116,7 +116,7 @@ class Rhythm:
     @property
     def stale_after_s(self) -> float:
         """Silence after which the samples are stale [s]."""
-        known = len(self._intervals) >= RHYTHMS // 2
+        known = len(self._intervals) >= KEPT_INTERVALS // 2
         expected_s = max(self._intervals) if known else self._span_s
         return max(LEAST_STALE_S, messages.INTERVALS_TILL_LATE * expected_s)
 
@@ -197,9 +197,9 @@ def _known(values: FloatArray | None, count: int) -> FloatArray:
 class Received(NamedTuple):
     """A message in JSON, its key, and when it was received [ns, this machine's clock; None: from the history].
 
-    `beside` is JSON that the dashboard adds: to a status, when samples last arrived (`Rhythm`); to a diagnosis, since
-    when its verdict holds (`VerdictHistory`). `brief` is a short form for pages that do not show this wheel, empty if
-    all pages get the message.
+    `beside` is JSON that the dashboard adds: to a status, when samples last arrived (`ArrivalTimes`); to a diagnosis,
+    since when its verdict holds (`VerdictHistory`). `brief` is a short form for pages that do not show this wheel,
+    empty if all pages get the message.
     """
 
     key: str
@@ -269,7 +269,7 @@ class Wheel:
     latest: dict[str, Received] = field(default_factory=dict)
     provisional: list[Received] = field(default_factory=list)
     decimated: DecimatedSamples = field(default_factory=DecimatedSamples)
-    rhythm: Rhythm = field(default_factory=Rhythm)
+    arrivals: ArrivalTimes = field(default_factory=ArrivalTimes)
     verdicts: VerdictHistory = field(default_factory=VerdictHistory)
     diagnosis: Diagnosis | None = None
     status: Status | None = None
@@ -317,11 +317,11 @@ class Fleet:
                 case Status():
                     wheel.status = message
                     wall_ns = received.wall_ns or 0
-                    wheel.rhythm.take_status(message.last_sample_ns, wall_ns)
-                    rhythm, fill = wheel.rhythm.shown(), round(message.window_fill, 4)
-                    pulse = {"reported_wall_ns": wall_ns, "window_fill": fill, "telemetry": rhythm}
+                    wheel.arrivals.take_status(message.last_sample_ns, wall_ns)
+                    arrivals, fill = wheel.arrivals.shown(), round(message.window_fill, 4)
+                    pulse = {"reported_wall_ns": wall_ns, "window_fill": fill, "telemetry": arrivals}
                     brief = messages.dump_json(pulse | {"refused": _refused(message)})
-                    received = received._replace(beside=messages.dump_json(rhythm), brief=brief)
+                    received = received._replace(beside=messages.dump_json(arrivals), brief=brief)
                     wheel.latest[Status.kind] = received
                 case Changepoints():
                     wheel.provisional = [*wheel.provisional, received][-MAX_PROVISIONAL:]
@@ -341,7 +341,7 @@ class Fleet:
     def take_samples(self, wheel: Wheel, samples: Samples, wall_ns: int) -> Samples:
         """Add samples to the plots of a wheel; returns those that are picked for them."""
         with self.lock:
-            wheel.rhythm.take_samples(samples.time_ns, wall_ns)
+            wheel.arrivals.take_samples(samples.time_ns, wall_ns)
             return wheel.decimated.add(wheel.derived.add(samples))
 
     def snapshot(self) -> list[Received]:

@@ -23,7 +23,7 @@ from rwa_monitor.samples import BoolArray, FloatArray
 MODEL_ALARM: Final = "model"  # the alarm that the friction model does not fit the wheel
 STORED_ALARM: Final = " (stored)"  # suffix of the name of an alarm from stored telemetry, separate from the live one
 MONITOR_ALARM: Final = "monitor"  # the alarm that the wheel is not watched: its monitor does not report
-# In place of a wheel's name for alarms that all wheels of a spacecraft share, see `moved`.
+# In place of a wheel's name for alarms that all wheels of a spacecraft share, see `compare_shifts`.
 ALL_WHEELS: Final = "all_wheels"
 
 
@@ -267,13 +267,13 @@ def acknowledge(alarm: Alarm, time_ns: int) -> tuple[Alarm, list[AlarmEvent]]:
 COMPARED: Final = {"dry": "base dry friction", "viscous": "viscous friction"}  # coefficients, and their names in words
 FEWEST_WHEELS: Final = 3
 MOST_WHEELS: Final = 16  # more are no siblings, but a fleet under one name
-SURE: Final = 0.95  # probability from which a shift counts as common, or as that of one wheel alone
+MIN_CERTAINTY: Final = 0.95  # probability from which a shift counts as common, or as that of one wheel alone
 FEWEST_EARLIER: Final = 5  # windows that a wheel is compared with; with fewer, the nominal bounds are used
 LATEST: Final = WINDOW_POLICY.n  # windows left out of the earlier ones: those that the alarm is raised from
 MOST_EARLIER: Final = 48  # windows; four days of 2.2 hours each
 SHIFT_STD: Final = 0.2  # S, relative standard deviation of a shift if there is one; learned anomalies are 15 to 30 %
 BOUNDS_APART: Final = 4.0  # standard deviations of healthy wheels between the nominal bounds, that is ±2
-LEAST_WANDER: Final = 0.005  # lower limit of a coefficient's relative standard deviation from window to window
+MIN_SCATTER: Final = 0.005  # lower limit of a coefficient's relative standard deviation from window to window
 PRIOR_COMMON: Final = 0.05  # prior probability of a common cause in the latest windows
 PRIOR_ALONE: Final = 0.02  # prior probability, for each wheel, that it shifted alone
 
@@ -332,7 +332,7 @@ def shift_of(values: FloatArray, stds: FloatArray, anomalous: BoolArray, nominal
     earlier = values[:-LATEST][~anomalous[:-LATEST] & np.isfinite(values[:-LATEST])]
     if earlier.size >= FEWEST_EARLIER:
         was = float(np.median(earlier))
-        scatter = max(float(np.median(np.abs(earlier - was))) / math.sqrt(CHI_MEDIAN), LEAST_WANDER * was)
+        scatter = max(float(np.median(np.abs(earlier - was))) / math.sqrt(CHI_MEDIAN), MIN_SCATTER * was)
         # The median of n windows has π/2 times the variance of their mean.
         variance = scatter**2 * (1.0 + 0.5 * np.pi / earlier.size)
     else:
@@ -369,7 +369,7 @@ def compare(shifts: Sequence[Shift]) -> Comparison | None:
     return Comparison(common, shift, float(np.sqrt(max(variance, 0.0))), weight @ alone)
 
 
-class Moved(NamedTuple):
+class ShiftComparison(NamedTuple):
     """The shift of one wheel's coefficient compared with its siblings.
 
     Attributes
@@ -388,7 +388,7 @@ class Moved(NamedTuple):
     in_words: str
 
 
-def moved(name: str, wheel: str, shifts: Mapping[str, Shift]) -> Moved | None:
+def compare_shifts(name: str, wheel: str, shifts: Mapping[str, Shift]) -> ShiftComparison | None:
     """Compare a wheel with its siblings, by the shifts of all; None where they are too few, or it has none.
 
     Parameters
@@ -406,20 +406,20 @@ def moved(name: str, wheel: str, shifts: Mapping[str, Shift]) -> Moved | None:
     found = compare([shifts[one] for one in names])
     if found is None:
         return None
-    alone = float(found.alone[names.index(wheel)]) >= SURE
-    if alone or found.common < SURE:
+    alone = float(found.alone[names.index(wheel)]) >= MIN_CERTAINTY
+    if alone or found.common < MIN_CERTAINTY:
         own = shifts[wheel]
         words = (
             f"{COMPARED[name].capitalize()} moved by {_percent(own.value, own.variance**0.5)}, apart from that of the "
             f"other {len(names) - 1} wheels."
         )
-        return Moved(is_common=False, is_alone=alone, is_large=False, in_words=words)
+        return ShiftComparison(is_common=False, is_alone=alone, is_large=False, in_words=words)
     words = (
         f"{COMPARED[name].capitalize()} of all {len(names)} wheels moved by {_percent(found.shift, found.shift_std)}: "
         "a cause outside the wheels, such as temperature, the supply of the current sensors, or a change of software."
     )
     large = abs(found.shift) > float(np.median([shift.nominal for shift in shifts.values()]))
-    return Moved(is_common=True, is_alone=False, is_large=large, in_words=words)
+    return ShiftComparison(is_common=True, is_alone=False, is_large=large, in_words=words)
 
 
 def _percent(value: float, std: float) -> str:

@@ -329,7 +329,7 @@ class History(Database):
             return _records(row for query in (open_ones, ended) for row in session.scalars(query))
 
 
-def _moved(session: Session, diagnosis: Diagnosis, name: str) -> alarms.Moved | None:
+def _moved(session: Session, diagnosis: Diagnosis, name: str) -> alarms.ShiftComparison | None:
     """Compare the shift of a coefficient of a window's wheel with its siblings; None where that is not possible.
 
     Of each wheel the latest window is used, if it ends within one window's length of this one.
@@ -354,7 +354,7 @@ def _moved(session: Session, diagnosis: Diagnosis, name: str) -> alarms.Moved | 
         shift = alarms.shift_of(values, stds, np.array([row.active for row in rows]), (low, high))
         if latest.window_end_ns >= diagnosis.window_end_ns - length and shift is not None:
             shifts[wheel] = shift
-    return alarms.moved(name, diagnosis.wheel, shifts)
+    return alarms.compare_shifts(name, diagnosis.wheel, shifts)
 
 
 def _state_of(session: Session, key: tuple[str, str, str]) -> AlarmStateRow:

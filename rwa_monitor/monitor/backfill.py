@@ -55,7 +55,7 @@ class Inbox:
     ----------
     max_messages, max_bytes
         Limits of its content, in messages and bytes.
-    patience_s
+    max_wait_s
         How long to wait for room before a message is dropped and counted [s].
     dropped
         Messages dropped so far.
@@ -66,7 +66,7 @@ class Inbox:
     def __init__(self) -> None:
         self.max_messages = INBOX_MESSAGES
         self.max_bytes = INBOX_BYTES
-        self.patience_s = TIMEOUT_S
+        self.max_wait_s = TIMEOUT_S
         self.dropped = 0
         self.wake = Event()
         self._messages: deque[Arrival] = deque()
@@ -91,7 +91,7 @@ class Inbox:
         with self._room:
             # While the reader is stalled, only the first message waits.
             if not self._fits(message) and not (
-                self._may_wait and self._room.wait_for(lambda: self._fits(message), self.patience_s)
+                self._may_wait and self._room.wait_for(lambda: self._fits(message), self.max_wait_s)
             ):
                 self._may_wait = False
                 self.dropped += 1
@@ -123,7 +123,7 @@ class Inbox:
         """Release all threads that wait for room, and accept no more samples."""
         self._open = False
         with self._room:
-            self.patience_s = 0.0
+            self.max_wait_s = 0.0
             self._room.notify_all()
 
     def _fits(self, message: Arrival) -> bool:

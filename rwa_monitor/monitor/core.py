@@ -268,7 +268,7 @@ class WheelCore:
             (diagnosed,) = [event for event in happened if isinstance(event, WindowDiagnosed)]
             stored_one = diagnosed.diagnosis.model_copy(update={"data": "stored"})
             events.append(diagnosed._replace(diagnosis=stored_one))
-            self.windows.go_on_from(diagnosed)
+            self.windows.continue_from(diagnosed)
             stored.note(stored_one.window_end_ns, diagnosed.carried)
         return events
 
@@ -443,7 +443,7 @@ class Windows:
         self.carried = without_positions(self.carried)
         return events
 
-    def go_on_from(self, diagnosed: WindowDiagnosed) -> None:
+    def continue_from(self, diagnosed: WindowDiagnosed) -> None:
         """Use the state after a window for the next one to close, if it lies between the last closed one and that."""
         next_ns = self.grid.time_of(self._open[0].start if self._open else self._done)
         end_ns = diagnosed.diagnosis.window_end_ns

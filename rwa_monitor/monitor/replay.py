@@ -462,7 +462,7 @@ def replay(recordings: Path | Sequence[Path], on_progress: OnProgress = lambda *
 class _Chain(Report):
     """Runs recordings one after the other, and collects the results."""
 
-    owed: list[EncodedMessage] = field(default_factory=list)  # outputs lost with the end of the previous file
+    lost_tail: list[EncodedMessage] = field(default_factory=list)  # outputs lost with the end of the previous file
 
     def run(self, path: Path, on_progress: OnProgress) -> None:
         """Run one recording and compare."""
@@ -478,15 +478,15 @@ class _Chain(Report):
         if settings.get("checkpoints") == "some":  # it was begun while the previous file was being written
             self._note(recording, "holds the wheels that had come over from the file before it when the monitor ended")
         elif self.files and inherited:
-            self.compare(inherited, self.owed)
-            self.owed = []
-        elif self.owed:
-            self._note(recording, f"begins after {len(self.owed)} outputs that were lost with the file before it")
-            self.owed = []
+            self.compare(inherited, self.lost_tail)
+            self.lost_tail = []
+        elif self.lost_tail:
+            self._note(recording, f"begins after {len(self.lost_tail)} outputs that were lost with the file before it")
+            self.lost_tail = []
         if not recording.finished:
             self._note(recording, "was not closed in order")
             replayed, lost = replayed[: len(own)], replayed[len(own) :]
-            self.owed += lost
+            self.lost_tail += lost
         self.compare(own, replayed)
 
         self._search_again(recording, setup)

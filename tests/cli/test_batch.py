@@ -14,7 +14,7 @@ import pytest
 from distributed import LocalCluster
 
 from rwa_monitor.batch.store import Store, read_results
-from rwa_monitor.batch.tasks import Diagnose, each
+from rwa_monitor.batch.tasks import Diagnose, map_files
 from rwa_monitor.errors import InputError, RwaMonitorError
 from rwa_monitor.messages import Diagnosis
 from rwa_monitor.monitor.setup import read_model, read_wheel
@@ -205,7 +205,7 @@ def test_neither_bad_input_nor_a_fault_nor_a_killed_worker_stops_the_others(
     names = [f"good {number}" for number in range(200)]
     names[0], names[6], names[150] = "bad input", "fault", "killed"  # several travel together
     where: dict[str, Any] = {"scheduler": cluster.scheduler_address} if on_a_cluster else {"workers": 2}
-    outcomes = list(each(Named(), [Path(name) for name in names], **where))
+    outcomes = list(map_files(Named(), [Path(name) for name in names], **where))
     assert [outcome.file.name for outcome in outcomes] == names
     errors = {outcome.file.name: outcome.error for outcome in outcomes if outcome.error}
     assert {outcome.result for outcome in outcomes if not outcome.error} == {*names} - {*errors}
@@ -217,7 +217,7 @@ def test_neither_bad_input_nor_a_fault_nor_a_killed_worker_stops_the_others(
 
 def test_no_scheduler_is_one_line() -> None:
     with pytest.raises(RwaMonitorError, match="no Dask scheduler answers"):
-        list(each(Named(), [Path("good")], scheduler="tcp://127.0.0.1:9"))
+        list(map_files(Named(), [Path("good")], scheduler="tcp://127.0.0.1:9"))
     result = run("diagnose", "x.csv", "--scheduler", "carrier pigeon")
     assert (result.exit_code, result.stdout) == (1, "")
     assert "carrier pigeon" in result.stderr

@@ -42,7 +42,7 @@ def test_silence_is_news_once_and_so_is_a_status() -> None:
     monitors.take_status("sat", "wheel_1", START_NS)
     assert monitors.changes((), "") == [HEARD]
     assert monitors.changes((), "") == [HEARD], "until it is written"
-    monitors.written([HEARD])
+    monitors.mark_stored([HEARD])
     clock.s += 30.0
     assert monitors.changes((), "") == []
     clock.s += 0.5
@@ -50,7 +50,7 @@ def test_silence_is_news_once_and_so_is_a_status() -> None:
     assert silent.silent
     assert "No monitor has reported since 2026-11-18T" in silent.reason
     assert silent.reason.endswith(": 30 s and longer. The bus is gone.")
-    monitors.written([silent])
+    monitors.mark_stored([silent])
     assert monitors.changes((), "") == []
     monitors.take_status("sat", "wheel_1", None)
     assert monitors.changes((), "") == [HEARD]

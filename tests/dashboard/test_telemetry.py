@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from rwa_monitor.dashboard.fleet import DerivedFriction, Rhythm, VerdictHistory
+from rwa_monitor.dashboard.fleet import ArrivalTimes, DerivedFriction, VerdictHistory
 from rwa_monitor.samples import NANOSECONDS_PER_SECOND as SECOND
 from rwa_monitor.samples import Samples
 from rwa_monitor.wheel.torque_balance import corrected_friction
@@ -63,11 +63,11 @@ def with_friction(n: int) -> Samples:
 
 @given(st.floats(0.5, 500.0), st.integers(4, 20))
 def test_what_is_late_is_late_for_this_wheel(interval_s: float, messages: int) -> None:
-    rhythm, at_ns = Rhythm(), 10**18
+    arrivals, at_ns = ArrivalTimes(), 10**18
     for _ in range(messages + 1):
-        rhythm.take_samples(np.array([0, int(interval_s * SECOND)]), at_ns)
+        arrivals.take_samples(np.array([0, int(interval_s * SECOND)]), at_ns)
         at_ns += int(interval_s * SECOND)
-    assert rhythm.stale_after_s == pytest.approx(max(10.0, 3 * interval_s))
+    assert arrivals.stale_after_s == pytest.approx(max(10.0, 3 * interval_s))
 
 
 def test_a_verdict_history_has_its_beginning() -> None:

@@ -58,7 +58,7 @@ def test_a_bus_that_cannot_be_reached_is_reported() -> None:
 
 def test_a_full_inbox_drops_and_counts() -> None:
     inbox = Inbox()
-    inbox.max_messages, inbox.max_bytes, inbox.patience_s = 3, 10, 0.01
+    inbox.max_messages, inbox.max_bytes, inbox.max_wait_s = 3, 10, 0.01
     for number in range(5):
         inbox.put(Arrival("key", bytes([number])))
     assert (len(inbox), inbox.dropped) == (3, 2)
@@ -72,7 +72,7 @@ def test_a_full_inbox_drops_and_counts() -> None:
 
 def test_a_full_inbox_slows_down_who_puts_and_loses_nothing() -> None:
     inbox = Inbox()
-    inbox.max_messages, inbox.patience_s = 3, 30.0
+    inbox.max_messages, inbox.max_wait_s = 3, 30.0
     thread = Thread(target=lambda: [inbox.put(Arrival("key", bytes([number]))) for number in range(100)])
     thread.start()
     taken: list[int] = []
@@ -262,7 +262,7 @@ def test_one_that_comes_again_and_cannot_be_read_does_not_let_all_after_it_be_as
 def test_a_bus_whose_inbox_overflows_gets_everything_in_the_end() -> None:
     with open_session(BusOptions()) as session, closing(MonitorBus(session)) as bus:
         inbox = bus.inbox
-        inbox.max_messages, inbox.patience_s = 5, 0.02
+        inbox.max_messages, inbox.max_wait_s = 5, 0.02
         bus.subscribe("rwa/*/*/samples")
         publisher = messages_publisher(session, KEY)
         for number in range(60):
