@@ -46,7 +46,7 @@ NOISE_STARTS: Final = ((0.0, 1.0), (-3.0, 0.0), (0.0, 4.0))  # initial logits of
 DRIFT_START: Final = 4.0  # initial logit of φ of the fit of a drifting level
 BORDER_MARGIN: Final = 1e-6  # distance, in the logit of φ, from the border between noise and a drifting level
 DESCENT: Final = {"eps": 1e-3, "ftol": 1e-6, "gtol": 0.05}  # converges to some hundredths of the score
-UNUSED_VALUES: Final[tuple[dict[str, float], ...]] = (  # values at which a parameter is not in use
+UNUSED_VALUES: Final = (  # values at which a parameter is not in use
     {"white": 1.0, "correlation": 0.0},
     {"growth": 0.0},
     {"slew": 0.0},
