@@ -346,7 +346,7 @@ class Listener(BusThread):
             self._telemetry_arrived(spacecraft, wheel, message.window_end_ns)
         elif isinstance(message, Status) and not replayed:
             self._monitors.take_status(spacecraft, wheel, message.last_sample_ns)
-            # The first status does not tell how old its sample is.
+            # The age of the sample is unknown in the first status.
             if known.status is not None and message.last_sample_ns not in {None, known.status.last_sample_ns}:
                 self._telemetry_arrived(spacecraft, wheel)
         self.hub.post(self.fleet.take(known, message, Received(key, message.model_dump_json().encode(), wall_ns)))

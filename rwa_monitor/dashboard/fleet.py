@@ -106,7 +106,7 @@ class ArrivalTimes:
     def take_status(self, last_sample_ns: int | None, wall_ns: int) -> None:
         """Register the latest sample of a status: its progress is used if no samples are received.
 
-        The first status starts the interval, as it does not tell how old its sample is.
+        The first status starts the interval, since the age of its sample is unknown.
         """
         goes_on = last_sample_ns is not None and last_sample_ns != self._last_sample_ns
         if self.wall_ns is None or (goes_on and not self._intervals):

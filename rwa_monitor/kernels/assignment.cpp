@@ -504,7 +504,7 @@ Expansion expand(const Scores& scores, const Bounds& bounds, double cutoff, int6
         list_offers(scores, bounds, k, cutoff, entries, offers);
         found.expanded += static_cast<int64_t>(entries.size());
         double stage_cutoff = cutoff;
-        if (offers.size() > room) {  // the highest bound that is cut tells whether a better path may be lost
+        if (offers.size() > room) {  // a better path may be lost: the highest bound that is cut limits by how much
             NewFloats reached;
             for (const Offer& offer : offers) reached.push_back(offer.bound);
             const auto first = reached.end() - room;

@@ -192,8 +192,8 @@ void rounding_error(
         if (line.share <= max(MOVES_THE_ROTOR, CLEAR_STDS * line.std)) continue;
         bool known = uncertain <= max(enough, CERTAIN_STDS * noise_gain * line.left_over);
         if (soft && known && abs(off) > OVER_NOISE * max(noise, noise_gain * line.left_over)) {
-            // Friction may jump while the torque bends smoothly. The speed follows the bend and not the jump: it tells
-            // which of both is sudden by its residual from a cubic, the speed under a torque that is a parabola.
+            // Friction may jump while the torque bends smoothly. The speed follows the bend and not the jump:
+            // its residual from a cubic, the speed under a torque that is a parabola, separates the two.
             const Share cubic = share_beside(3, bent, around);
             known = cubic.share > max(MOVES_THE_ROTOR, CLEAR_STDS * cubic.std);
         }

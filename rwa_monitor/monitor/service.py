@@ -323,7 +323,7 @@ class Monitor:
         if closed and self.recorder is not None:
             self.recorder.sync(self.clock.monotonic_s())
         dumped = {event.diagnosis.window_end_ns for event in closed if event.diagnosis.data}
-        # The health is published first: it tells receivers of the diagnosis what data the window is of.
+        # The health is published first: it states what data the window of the diagnosis is of.
         for output in sorted(outputs, key=lambda output: output.schema != Health.schema_name()):
             if output.schema == Health.schema_name():
                 if output.time_ns in dumped and output.time_ns < served.health_ns:
