@@ -318,8 +318,8 @@ FUZZ_VENV := .fuzz-venv
 fuzz: $(VENV)/.installed-dev ## fuzzes every reader of outside bytes, 10 minutes each; writes docs/fuzzing.md (FUZZ_ARGS="--seconds 60")
 	@test -x $(FUZZ_VENV)/bin/python || "$$(tools/find_python.sh)" -m venv $(FUZZ_VENV)
 	$(FUZZ_VENV)/bin/python -m pip install --quiet atheris==3.0.0
-	@packages=$$($(BIN)/python -c 'import sysconfig; print(sysconfig.get_path("purelib"))') && \
-	  trap 'rm -f rwa_monitor/kernels/_kernels.*.so' EXIT && cp $$packages/rwa_monitor/kernels/_kernels.*.so rwa_monitor/kernels/ && \
+	@packages=$$($(BIN)/python -c 'import sysconfig; print(sysconfig.get_path("purelib"))'); \
+	  trap 'rm -f rwa_monitor/kernels/_kernels.*.so' EXIT; cp $$packages/rwa_monitor/kernels/_kernels.*.so rwa_monitor/kernels/; \
 	  OPENBLAS_NUM_THREADS=1 PYTHONPATH=.:$$packages nice -n 15 \
 	  $(FUZZ_VENV)/bin/python -m tests.fuzz.campaign --page docs/fuzzing.md $(FUZZ_ARGS)
 
