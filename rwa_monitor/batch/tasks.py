@@ -10,7 +10,7 @@ import json
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures.process import BrokenProcessPool
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
@@ -307,24 +307,26 @@ def _in_processes(task: Task[Result], files: Sequence[Path], workers: int) -> It
     """Yield the outcomes in the order of `files`, from several processes."""
     from joblib import Parallel, delayed, parallel_config
 
-    # One thread for linear algebra, since the last bit depends on their number.
-    with parallel_config("loky", inner_max_num_threads=1, idle_worker_timeout=IDLE_S):
-        parallel = Parallel(workers, return_as="generator", max_nbytes=None)
-    guarded = delayed(_guarded)
+    def outcomes(some: Iterable[Path]) -> Iterator[Outcome[Result]]:
+        # A Parallel for each call: after a failed call, its callbacks may still submit recordings of that call to it.
+        # One thread for linear algebra, since the last bit depends on their number.
+        with parallel_config("loky", inner_max_num_threads=1, idle_worker_timeout=IDLE_S):
+            parallel = Parallel(workers, return_as="generator", max_nbytes=None)
+        yield from parallel(delayed(_guarded)(task, file) for file in some)
+
     for first in range(0, len(files), BLOCK * workers):
         left = deque(files[first : first + BLOCK * workers])
-        try:
-            for outcome in parallel([guarded(task, file) for file in left]):
+        with suppress(BrokenProcessPool):
+            for outcome in outcomes(tuple(left)):
                 left.popleft()
                 yield outcome
-        except BrokenProcessPool:
-            # It is not known which recording ended it: the rest is processed one by one, so that only that one fails.
-            for file in left:
-                try:
-                    yield from parallel([guarded(task, file)])
-                except BrokenProcessPool:
-                    reason = "the process that worked on it was terminated: is there memory left for it?"
-                    yield Outcome(file, None, f"{file}: {reason}")
+        # It is not known which one ended a process: the rest is processed one by one, so that only that one fails.
+        for file in left:
+            try:
+                yield from outcomes([file])
+            except BrokenProcessPool:
+                reason = "the process that worked on it was terminated: is there memory left for it?"
+                yield Outcome(file, None, f"{file}: {reason}")
 
 
 # ---- on a Dask cluster -----------------------------------------------------------------------------------------------
