@@ -30,11 +30,12 @@ from rwa_monitor.changepoints.running_sums import RunningSums, StructureSums, st
 from rwa_monitor.changepoints.stage_results import Candidates, Evidence, Temperature
 from rwa_monitor.kernels import changepoints as kernel
 from rwa_monitor.kernels.evidence import KEPT_STATISTIC, Window
-from rwa_monitor.kernels.noise import LAGS
+from rwa_monitor.kernels.noise import KEPT, LAGS, MOST_JUMPED
 from rwa_monitor.kernels.running_sums import BLOCK, STRIDE
 from rwa_monitor.kernels.wglr import MAX_SCALE
 from rwa_monitor.samples import BoolArray, FloatArray, IntArray
 from rwa_monitor.wheel.effects.catalogue import viscous_effects
+from rwa_monitor.wheel.switching_systems import jump_rate
 from rwa_monitor.wheel.wheel import Wheel
 
 SCALES: Final = tuple(1 << k for k in range(MAX_SCALE.bit_length()))  # half-widths [slots] (errata 5)
@@ -139,6 +140,8 @@ class WindowSettings(NamedTuple):
         What the samples around such an outlier add to it at most, in standard deviations of a scale's contrast.
     sure_statistic
         The statistic from which a jump is reported at once, normalised.
+    jump_share
+        Share of neighbouring samples with a jump between them, where it is too large to leave the tails as they are.
     """
 
     speed_unit: float
@@ -155,6 +158,7 @@ class WindowSettings(NamedTuple):
     sure_outlier: float
     sure_margin: float
     sure_statistic: float
+    jump_share: float
 
 
 class WindowAccumulator:
@@ -211,6 +215,10 @@ class WindowAccumulator:
         prior = self.slope_prior
         known = math.isfinite(prior.std)
         self._scales: IntArray = np.array(SCALES if known else SCALES[1:], dtype=np.int64)
+        # Scales whose variance is that of jumps: more contrasts lie across one than can be left out.
+        rate = sum(map(jump_rate, wheel.fss))
+        self._masked: BoolArray = np.exp(-2.0 * rate * self._scales) < KEPT * (1.0 - MOST_JUMPED)
+        self._masked[0] = False
         asked, stated = wheel.window.run_length, wheel.window.dead_band_rad_s
         outlier = gaussian_outlier(outlier_chance(self.slots))
         self.settings = WindowSettings(
@@ -233,6 +241,7 @@ class WindowAccumulator:
                 if asked is None
                 else threshold_of_run_length(asked, tuple(self._scales.tolist()))
             ),
+            jump_share=rate if self._masked.any() else 0.0,
         )
         sums = self._sums
         blocks: FloatArray = np.empty((2, self.slots // self.settings.block_hop + 1, LAGS))
@@ -316,6 +325,7 @@ class WindowAccumulator:
         self._gather(last=True)
         self._closed = True
         levels, counts, variances, quantiles = self._window.noise(self._done)
+        variances[self._masked] = np.nan
         noise = estimate_noise(levels, counts, self._scales, variances, self._sums.count, self.settings.start_std)
         threshold = max(threshold_for(FALSE_CANDIDATES, TESTS_PER_SLOT * self._sums.count), KEPT_STATISTIC)
         evidence = Evidence(

@@ -164,7 +164,7 @@ bool are_heavy(const Quantiles& quantiles, double variance);
 using Noise = tuple<NewFloats, NewFloats, NewFloats, Quantiles>;
 Noise learn_noise(
     FloatMatrix block_sums, FloatMatrix block_pairs, IntegerMatrix histogram, Integers scales,
-    double start_variance);
+    double start_variance, double jump_share);
 
 // ---- direction, dead band and wheel angle (running_sums.cpp) --------------------------------------------------------
 

@@ -79,9 +79,9 @@ struct WindowSettings {
     double speed_unit, torque_unit, angle_per_x;
     int64_t block_hop, stretch_hop;
     double dead_band, start_std, prior_mean, prior_std, nominal_slope;
-    double outlier, sure_outlier, sure_margin, sure_statistic;
+    double outlier, sure_outlier, sure_margin, sure_statistic, jump_share;
     FIELDS(speed_unit, torque_unit, angle_per_x, block_hop, stretch_hop, dead_band, start_std, prior_mean, prior_std,
-           nominal_slope, outlier, sure_outlier, sure_margin, sure_statistic)
+           nominal_slope, outlier, sure_outlier, sure_margin, sure_statistic, jump_share)
 };
 
 // A window: the arrays that Python made, converted once (in every call that would cost as much as 100 samples), and the
@@ -134,7 +134,7 @@ struct Window {
         const int64_t blocks = blocks_before(done);
         return learn_noise(
             {a.block_sums.data, {blocks, LAGS}}, {a.block_pairs.data, {blocks, LAGS}}, detector.histogram, detector.scales,
-            by.start_std * by.start_std);
+            by.start_std * by.start_std, by.jump_share);
     }
 
     // Add new slots to the window, which holds `filled`, and detect from `done` on up to the last complete block.

@@ -193,14 +193,15 @@ NewFloats contrast_variances(Floats levels, Integers scales) {
 
 // ---- tails of the noise ----
 
-Quantiles quantiles_of(Integers counts) {
+// Of the statistics without a jump: the largest ones, a share `jump_share` of all, are left out of the 99.5 % quantile.
+Quantiles quantiles_of(Integers counts, double jump_share) {
     int64_t sum = 0, seen = 0, middle = 0, end = 0;
     for (auto count : counts) sum += count;
     const double total = sum;
     for (int64_t place : range(counts.size())) {
         seen += counts[place];
         middle += seen < 0.5 * total;
-        if (seen >= 0.995 * total) {
+        if (seen >= 0.995 * (1.0 - jump_share) * total) {
             end = place;
             break;
         }
@@ -223,7 +224,7 @@ bool are_heavy(const Quantiles& quantiles, double variance) {
 
 Noise learn_noise(
     FloatMatrix block_sums, FloatMatrix block_pairs, IntegerMatrix histogram, Integers scales,
-    double start_variance) {
+    double start_variance, double jump_share) {
     auto [levels, counts] = quiet_levels(block_sums, block_pairs);
     auto variances = scale_variances(histogram, scales, start_variance);
     auto implied = contrast_variances(levels, scales);
@@ -231,7 +232,7 @@ Noise learn_noise(
         // With coarse quantisation neighbours are mostly equal: quantiles are too small, mean squares are not.
         variances[s] = max(variances[s], LEAST_SHARE * implied[s]);
     }
-    return {levels, counts, variances, quantiles_of(histogram.row(0))};
+    return {levels, counts, variances, quantiles_of(histogram.row(0), jump_share)};
 }
 
 STAGE(noise, LAGS, SMALLEST_STD, KEPT, KEPT_MEAN, JUMPED, JUMPED_RATE, MOST_JUMPED, lean,

@@ -78,8 +78,11 @@ def contrast_variances(levels: FloatArray, scales: IntArray) -> FloatArray:
     lags, or a level is not known.
     """
 
-def quantiles_of(counts: IntArray) -> tuple[float, float, float]:
-    """Return the number of statistics in a scale's histogram, int64 (BINS,), their median and 99.5 % quantile."""
+def quantiles_of(counts: IntArray, jump_share: float) -> tuple[float, float, float]:
+    """Return the number of statistics in a scale's histogram, int64 (BINS,), their median and 99.5 % quantile.
+
+    The quantile is of the statistics that do not lie across a jump, as a share `jump_share` of the largest ones does.
+    """
 
 def are_heavy(quantiles: tuple[float, float, float], variance: float) -> bool:
     """Return whether tails are heavier than a Gaussian's; parameters as those of `noise.largest_outlier`."""

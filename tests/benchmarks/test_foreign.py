@@ -60,6 +60,11 @@ def test_a_system_as_large_as_known_ones_is_one_more(seed: int, number: int) -> 
     assert judge(draw_record(hidden, 20_000, np.random.default_rng([seed, number])), number).sets == (hidden,)
 
 
+def test_sojourns_of_a_few_slots_at_high_speed_are_jumps_that_the_speed_triggers() -> None:
+    hidden = ("speed_triggered_jumps",)
+    assert judge(draw_record(hidden, 20_000, np.random.default_rng([28, 36])), 36).sets == (hidden,)
+
+
 @pytest.mark.parametrize(
     ("effect", "seed", "number"),
     [("speed_dependent_noise", 25, 32), ("heavy_tailed_noise", 25, 37), ("speed_dependent_noise", 27, 36)],

@@ -15,7 +15,8 @@ from rwa_monitor.changepoints.evidence import WindowAccumulator
 from rwa_monitor.changepoints.stage_results import Candidates
 from rwa_monitor.kernels.running_sums import BLOCK
 from rwa_monitor.kernels.wglr import CHUNK, MOST_PEAKS
-from rwa_monitor.wheel.wheel import Wheel, built_in_wheel
+from rwa_monitor.wheel.durations import Geometric
+from rwa_monitor.wheel.wheel import SwitchingSystem, Wheel, built_in_wheel
 
 MEASURED = os.environ.get("RWA_MEASURED_DATA")
 WHEEL = built_in_wheel()
@@ -113,6 +114,20 @@ def test_short_sojourns_of_example_1_are_found_in_place(sojourn, size, noise):
     true = {index for index, _ in jumps}
     assert all(min(abs(k - j) for j in found) <= 1 for k in true)
     assert len(found - true) <= 3
+
+
+@pytest.mark.parametrize("noise", [None, _ar, _student], ids=["white", "AR(0.5)", "Student t"])
+def test_jumps_of_systems_that_switch_often_are_not_mistaken_for_noise(noise):
+    n, rest, active = 20_000, 200.0, 20.0  # without the systems' durations 62, 85 and 82 % of the jumps are found
+    rng = np.random.default_rng(11)
+    true = np.cumsum(3 + np.column_stack([rng.geometric(1 / rest, n), rng.geometric(1 / active, n)]))
+    true = true[true < n - 4]
+    jumps = [(int(slot), (15.0, -15.0)[k % 2]) for k, slot in enumerate(true)]
+    system = SwitchingSystem(name="fss_1", durations=(Geometric(mean_slots=rest), Geometric(mean_slots=active)))
+    evidence, _ = _gather(*_telemetry(11, n, jumps, noise), wheel=WHEEL.model_copy(update={"fss": (system,)}))
+    apart = np.abs(true[:, None] - evidence.candidates.index)
+    assert (apart.min(axis=1) <= 1).mean() > 0.97
+    assert (apart.min(axis=0) <= 1).mean() > 0.95
 
 
 @pytest.mark.parametrize("noise", [None, _ar, _student], ids=["white", "AR(0.5)", "Student t"])

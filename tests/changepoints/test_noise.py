@@ -50,7 +50,7 @@ def _blocks(z, hop=4 * BLOCK, used=None):
 
 def _outlier(z, variance=1.0):
     statistic = np.maximum(np.diff(z) ** 2 / 2, 1e-300)
-    return largest_outlier(quantiles_of(_histogram(statistic)), variance, outlier_chance(N))
+    return largest_outlier(quantiles_of(_histogram(statistic), 0.0), variance, outlier_chance(N))
 
 
 def _estimate(z, **kwargs):

@@ -44,7 +44,7 @@ struct rwa_detector {
         return {settings.speed_unit, settings.torque_unit, 0.0, settings.block_hop, 0, settings.dead_band,
                 settings.start_std, settings.prior_mean, settings.prior_std, settings.nominal_slope,
                 settings.outlier, settings.sure_outlier, settings.sure_margin,
-                settings.sure_statistic};
+                settings.sure_statistic, settings.jump_share};
     }
     // Without any idea of the slope, two neighbouring samples show nothing of a jump.
     rwa::Integers scales() const {

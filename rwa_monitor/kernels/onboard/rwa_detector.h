@@ -23,7 +23,7 @@ typedef struct {
     double dead_band;       /* of the speed's unit */
     int64_t block_hop;
     double start_std, prior_mean, prior_std, nominal_slope;
-    double outlier, sure_outlier, sure_margin, sure_statistic;
+    double outlier, sure_outlier, sure_margin, sure_statistic, jump_share;
     /* Largest outliers of noise with heavy tails, in robust standard deviations, by the ratio of two quantiles. */
     double tail_ratio[RWA_TAIL_NODES], tail_outlier[RWA_TAIL_NODES], tail_sure[RWA_TAIL_NODES];
 } rwa_detector_settings;
