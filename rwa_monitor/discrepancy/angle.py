@@ -217,8 +217,9 @@ def with_angle_drift(problem: Problem, base: Fit) -> Problem:
         A fit whose residual contains the ripple.
     """
     residuals = problem.spread(base.residual * problem.sign)
+    variance = max(problem.noise.long_run_variance, base.rss / problem.z.size)  # samples that no level fits count, too
     drifts = [
-        track_drift(record, np.where(record.used, residual, 0.0), problem.noise.long_run_variance)
+        track_drift(record, np.where(record.used, residual, 0.0), variance)
         for record, residual in zip(problem.records, residuals, strict=True)
     ]
     if all(drift is None for drift in drifts):

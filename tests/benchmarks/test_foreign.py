@@ -60,9 +60,11 @@ def test_a_system_as_large_as_known_ones_is_one_more(seed: int, number: int) -> 
     assert judge(draw_record(hidden, 20_000, np.random.default_rng([seed, number])), number).sets == (hidden,)
 
 
-def test_sojourns_of_a_few_slots_at_high_speed_are_jumps_that_the_speed_triggers() -> None:
+@pytest.mark.parametrize("number", [6, 36])
+def test_sojourns_of_a_few_slots_at_high_speed_are_jumps_that_the_speed_triggers(number: int) -> None:
+    # In record 6 what no level fits is no ripple, whose phase then follows noise.
     hidden = ("speed_triggered_jumps",)
-    assert judge(draw_record(hidden, 20_000, np.random.default_rng([28, 36])), 36).sets == (hidden,)
+    assert judge(draw_record(hidden, 20_000, np.random.default_rng([28, number])), number).sets == (hidden,)
 
 
 @pytest.mark.parametrize(
