@@ -54,12 +54,16 @@ VECTORISED int64_t normalise(
     return count;
 }
 
-// Mark the slots that are good and turn faster than the dead band.
-VECTORISED void mark_used(const double* __restrict motion, const bool* good, double band, int64_t n, bool* used) {
+// Mark the slots [first, stop) of `filled` that are good and turn faster than the dead band. Not those in which the
+// speed halves or doubles, so that it would pass zero within a slot: a sample may be a mean over both directions.
+VECTORISED void mark_used(
+    const double* __restrict motion, const bool* good, double band, int64_t first, int64_t stop, int64_t filled,
+    bool* used) {
     const unsigned char* __restrict there = bytes(good);
     unsigned char* __restrict out = bytes(used);
-    for (int64_t k : range(n)) {
-        const int64_t turns = motion[k] >= band ? there[k] : 0;
+    for (int64_t k : range(first, stop)) {
+        const double faster = max(motion[max<int64_t>(k - 1, 0)], motion[min(k + 1, filled - 1)]);
+        const int64_t turns = motion[k] >= band && 2.0 * motion[k] >= faster ? there[k] : 0;
         out[k] = static_cast<unsigned char>(motion[k] > 0.0 ? turns : 0);
     }
 }
@@ -93,7 +97,7 @@ struct Window {
 
     // Estimate from the first chunk, the slots [0, stop): the speed above which its sign is certain, the dead band,
     // which samples are used, and the weight of the slope's prior.
-    void learn_first(int64_t stop) {
+    void learn_first(int64_t stop, int64_t filled) {
         const double normal_median = sqrt(CHI_MEDIAN);  // of |N(0, 1)|
         NewFloats speeds, levels;
         for (int64_t k : range(stop)) {
@@ -102,7 +106,7 @@ struct Window {
         // The second difference of a smooth speed is noise of √6 times its standard deviation.
         certain = SPEED_NOISES * median_size(differences(differences(speeds))) / (normal_median * sqrt(6.0));
         band = isnan(by.dead_band) ? certain : by.dead_band;
-        mark_used(a.motion.data, a.good.data, band, stop, a.used.data);
+        mark_used(a.motion.data, a.good.data, band, 0, stop, filled, a.used.data);
         weight = SMALLEST_WEIGHT;
         if (isnan(by.prior_std)) return;
         double std = by.start_std;
@@ -155,7 +159,9 @@ struct Window {
 #endif
         filled += n;
         reported = {};
-        const bool heavy = detect_until(last ? filled : filled - filled % BLOCK, done, last);
+        // A slot is judged by its neighbours.
+        const int64_t known = max<int64_t>(filled - 1, 0);
+        const bool heavy = detect_until(last ? filled : known - known % BLOCK, done, filled, last);
         return {count, done, std::get<0>(reported).size(), heavy};
     }
 
@@ -165,10 +171,10 @@ struct Window {
     }
 
     // Detect from `done` on until the noise turns out to be heavy-tailed; returns whether it did.
-    bool detect_until(int64_t ready, int64_t& done, bool last) {
+    bool detect_until(int64_t ready, int64_t& done, int64_t filled, bool last) {
         if (isnan(std::get<0>(quantiles))) {
             if (ready < CHUNK && !last) return false;
-            learn_first(min(ready, CHUNK));
+            learn_first(min(ready, CHUNK), filled);
             // The first chunk is scanned twice: for the histogram alone, and with the thresholds from it.
             scan(0, min(ready, CHUNK), true);
             if (refresh(0)) return true;
@@ -177,7 +183,7 @@ struct Window {
             int64_t change = CHUNK;  // variances, floors and slope change after 1, 2, 4, 8 … chunks
             while (change <= done) change *= 2;
             const int64_t stop = min(ready, change);
-            detect(done, stop);
+            detect(done, stop, filled);
             done = stop;
             report_confirmed();
             if (done == change && done > CHUNK) {
@@ -195,9 +201,9 @@ struct Window {
     }
 
     // Detect in the slots [start, stop) and add them to all sums.
-    void detect(int64_t start, int64_t stop) {
+    void detect(int64_t start, int64_t stop, int64_t filled) {
         if (start >= CHUNK) {
-            mark_used(a.motion.data + start, a.good.data + start, band, stop - start, a.used.data + start);
+            mark_used(a.motion.data, a.good.data, band, start, stop, filled, a.used.data);
         }
         scan(start, stop, start >= CHUNK);
         extend_sums(a.sums, a.running, start, stop);
