@@ -199,7 +199,7 @@ def _noise_and_jumps(explained: Explained, wheel: Wheel, *, with_noise: bool) ->
         by_law = not explained.jumps and not problem.friction_is_derived
         others += noise_effects(problem, complete, in_band=in_band, by_law=by_law)
         drift = slow_drag(problem, complete)
-    if (explained.leftover is None or wheel.fss) and drift is None and explained.jumps:
+    if explained.leftover is None and drift is None and explained.jumps:
         others += switching_effects(problem, complete, wheel, in_band)
     if cage is not None:
         others.append(cage.effect)

@@ -38,8 +38,6 @@ EXTRA: Final = "extra_switching_system"
 WRONG_LAW: Final = "wrong_duration_law"
 SPEED: Final = "speed_triggered_jumps"
 MOST_JUMPS: Final = 400  # more are no jumps, and their attribution is meaningless
-CANDIDATES_PER_JUMP: Final = 2.0  # candidates of the diagnosis per jump of the search: with more, the two do not agree
-CHANCE_CANDIDATES: Final = 8  # candidates that chance may add
 FEWEST_OF_EXTRA: Final = 3  # jumps that suggest an additional system
 ROUNDS: Final = 4  # of attribution and parameters in turn
 WORTH_A_ROUND: Final = 0.5  # increase of the log-likelihood
@@ -124,9 +122,6 @@ def _fit_record(
     plain = wheel.model_copy(update={"effect": ()})
     if wheel.fss and wheel.nominal is not None and 0 < found.size <= MOST_JUMPS:
         gathered = _gather(problem, model, plain, index, hidden)
-        if len(gathered.candidates) > CANDIDATES_PER_JUMP * found.size + CHANCE_CANDIDATES:
-            # The diagnosis takes for jumps what the search takes for noise: slews too fast for the derivative.
-            return nothing
         if len(gathered.candidates):
             return nothing | _compare(evidence, gathered, plain, max(record.derivative_slots, REVERSAL))
     return {**nothing, SPEED: SpeedTriggeredJumps.fit(evidence)}
