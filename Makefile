@@ -245,6 +245,10 @@ blind: $(VENV)/.installed-dev ## the blind suite: hides effects, requires findin
 foreign: $(VENV)/.installed-dev ## judges the search on records of a simulator that shares nothing with it; writes docs/foreign.md (FOREIGN_ARGS="--records 5")
 	$(BENCHMARK).foreign --seed 2 -o docs/foreign.md $(FOREIGN_ARGS)
 
+.PHONY: foreign-diagnosis
+foreign-diagnosis: $(VENV)/.installed-dev ## diagnoses wheels of that simulator, healthy and failing; writes docs/foreign_diagnosis.md
+	$(BENCHMARK).foreign_diagnosis -o docs/foreign_diagnosis.md
+
 .PHONY: blind-plan
 blind-plan: $(VENV)/.installed-dev ## flies what `--plan` proposes and searches again (PLAN_ARGS="--draws 4 --seed 1")
 	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m benchmarks.blind.manoeuvres $(PLAN_ARGS)

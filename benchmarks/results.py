@@ -87,6 +87,7 @@ PAGES: Final = (
     ResultPage("neighbours", "neighbours", (*DIAGNOSIS, *_rooms("history"), "benchmarks/neighbours.py")),
     ResultPage("blind", "blind", (*SEARCH, "benchmarks/blind")),
     ResultPage("foreign", "foreign", (*SEARCH, "benchmarks/foreign")),
+    ResultPage("foreign_diagnosis", "foreign-diagnosis", (*DIAGNOSIS, "benchmarks/foreign_diagnosis.py")),
     ResultPage("measured", "measured", (*SEARCH, "benchmarks/measured.py")),
     ResultPage("faults", "faults", (*_rooms("monitor"), "tests/faults"), timed=True),
     ResultPage("fuzzing", "fuzz", (*_rooms("telemetry", "wheel", "monitor"), "tests/fuzz"), timed=True),

@@ -308,7 +308,7 @@ def _in_processes(task: Task[Result], files: Sequence[Path], workers: int) -> It
     from joblib import Parallel, delayed, parallel_config
 
     def outcomes(some: Iterable[Path]) -> Iterator[Outcome[Result]]:
-        # A Parallel for each call: after a failed call, its callbacks may still submit recordings of that call to it.
+        # A Parallel for each call: after a failed one it keeps recordings prepared, which the next call would process.
         # One thread for linear algebra, since the last bit depends on their number.
         with parallel_config("loky", inner_max_num_threads=1, idle_worker_timeout=IDLE_S):
             parallel = Parallel(workers, return_as="generator", max_nbytes=None)
