@@ -159,8 +159,8 @@ struct Window {
 #endif
         filled += n;
         reported = {};
-        // A slot is judged by its neighbours.
-        const int64_t known = max<int64_t>(filled - 1, 0);
+        // A slot is judged by its neighbours; the last one of a full window has only one.
+        const int64_t known = filled == a.x.size() ? filled : max<int64_t>(filled - 1, 0);
         const bool heavy = detect_until(last ? filled : known - known % BLOCK, done, filled, last);
         return {count, done, std::get<0>(reported).size(), heavy};
     }
