@@ -78,7 +78,7 @@ def null_gains(count: int, motion: ProfileKind, noise: str, number: int) -> dict
     samples = simulate(scenario, wheel, np.random.default_rng(place)).samples
     problem = prepare([make_record(samples, wheel, "null")], wheel)
     # Nothing is accepted, so that the best candidate is always the best rejected one.
-    found = search(Fitting(problem, jumps=True), CANDIDATES, asked=lambda _: np.inf)
+    found = search(Fitting(problem, jumps=True), CANDIDATES, asked=lambda *_: np.inf)
     base = found.nested[0]
     of_jumps = [sum(fit.penalised_gain for fit in of) for of in fits_of_jumps(problem, base, wheel).values()]
     gains = {"mean": found.best_rejected, "switching": max(of_jumps)}

@@ -204,7 +204,7 @@ def _with_nearest(approach: Fitting, explained: Explained, known: Sequence[Model
     if best is None or left is None:
         return left
     simpler = approach.without(best, len(last.terms))  # the gain may come from its jumps
-    if simpler.score - best.score < least_gain(len(last.terms)):
+    if simpler.score - best.score < least_gain(approach.problem, len(last.terms)):
         return left
     share = (simpler.fit.rss - best.fit.rss) / (simpler.fit.rss - explained.complete.fit.rss)
     if share < LEAST_NAMED_SHARE:

@@ -298,7 +298,7 @@ def detectable_strengths(problem: Problem, model: Model, effects: Sequence[type[
         gram = beside.equations_with(term).gram
         across = gram[:known, known]
         energy = float(gram[known, known] - across @ np.linalg.lstsq(gram[:known, :known], across, rcond=1e-12)[0])
-        asked = least_gain(len(model.terms)) + term.parameters * problem.log_size
+        asked = least_gain(problem, len(model.terms)) + term.parameters * problem.log_size
         visible = energy > VISIBLE * float(gram[known, known])
         strength = float(np.sqrt(asked * variance / energy)) if visible else float("nan")
         share = strength * float(np.sqrt(np.mean(column**2))) / friction

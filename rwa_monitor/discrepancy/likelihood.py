@@ -23,9 +23,9 @@ from rwa_monitor.samples import TINY, FloatArray, IntArray
 
 Score = Callable[["NoiseLaw"], float]
 
-# Gain required of the first effect: chance reaches it in two records of a thousand (10.5 at most in 288 simulated null
-# records, see `nulls.json`, and e^-½ times as often for each unit more).
-FIRST_GAIN: Final = 11.5
+# Gain required of the first effect: chance reaches it in two records of a thousand (see `nulls.json`).
+FIRST_GAIN: Final = 6.0
+DERIVED_GAIN: Final = 11.5  # the same where friction is derived: the derivative misses fast changes of acceleration
 ACCEPT_GAIN: Final = 25.0  # the same of further effects: no law is exact, and the residual of one is more than chance
 FEWEST_MEMORIES: Final = 20.0  # correlation times in the data; noise with fewer is a level that drifts as a random walk
 NOISE_SAMPLES: Final = 10_000  # samples, from which the law of the noise is known to some per cent
@@ -56,9 +56,10 @@ UNUSED_VALUES: Final = (  # values at which a parameter is not in use
 NO_JUMPS: Final[IntArray] = np.zeros(0, dtype=np.int64)
 
 
-def least_gain(named: int) -> float:
+def least_gain(problem: Problem, named: int) -> float:
     """Return the gain that is required of an effect, given the number of effects already named."""
-    return ACCEPT_GAIN if named else FIRST_GAIN
+    first = DERIVED_GAIN if problem.friction_is_derived else FIRST_GAIN
+    return ACCEPT_GAIN if named else first
 
 
 @dataclass(frozen=True, slots=True)

@@ -21,6 +21,7 @@ from rwa_monitor.discrepancy.fitting import (
     predicts,
 )
 from rwa_monitor.discrepancy.likelihood import least_gain
+from rwa_monitor.discrepancy.problem import Problem
 from rwa_monitor.discrepancy.score import wald
 from rwa_monitor.discrepancy.terms import Found, Model, SearchResult, law_of
 
@@ -30,7 +31,7 @@ WORTH_SWAPPING: Final = 1.0  # decrease of the score from which an exchange is m
 
 
 def search(
-    fitting: Fitting, effects: Effects, progress: Progress = lambda _: None, asked: Callable[[int], float] = least_gain
+    fitting: Fitting, effects: Effects, progress: Progress = lambda _: None, asked: Callable[[Problem, int], float] = least_gain
 ) -> SearchResult:
     """Search for mean effects; the arguments are those of `grow`."""
     return rank(fitting, grow(fitting, effects, progress, asked=asked), progress)
@@ -41,7 +42,7 @@ def grow(
     effects: Effects,
     progress: Progress = lambda _: None,
     begin_with: Sequence[Model] = (),
-    asked: Callable[[int], float] = least_gain,
+    asked: Callable[[Problem, int], float] = least_gain,
 ) -> SearchResult:
     """Add effects one at a time, with exchanges and eliminations after each, while each gains as much as is asked.
 
@@ -56,7 +57,7 @@ def grow(
     begin_with
         Models found earlier, each with one effect more than the one before.
     asked
-        Returns the gain that is asked of an effect, given the number of effects already in the model.
+        Returns the gain that is asked of an effect, given the data and the number of effects already in the model.
     """
     progress("base model")
     base = fitting.base()
@@ -83,12 +84,12 @@ def grow(
         alternatives = [one for one in alternatives if len(one.terms) == named or not one.is_minor(-1, sign)]
         if not alternatives:
             break
-        gain, least = current.score - alternatives[0].score, asked(named)
+        gain, least = current.score - alternatives[0].score, asked(fitting.problem, named)
         drifts = law_of(current).is_drift(current.fit.residual.size)  # the noise law may absorb a missing effect
         if gain < least and drifts:  # of two missing effects, each alone may gain too little
             pairs = [pair for one in alternatives[:TRIED_IN_PAIRS] for pair in fitting.extensions(one, testable)]
             best = min(pairs, key=lambda pair: pair.score, default=current)
-            if current.score - best.score >= asked(0) + asked(1):
+            if current.score - best.score >= asked(fitting.problem, 0) + asked(fitting.problem, 1):
                 alternatives, gain = [best], least
         if gain < least:
             best_rejected = gain
@@ -126,7 +127,7 @@ def _without_insignificant(fitting: Fitting, model: Model) -> Model:
     while model.terms:
         squares = wald(fitting.problem, model)
         weakest = int(np.argmin(squares))
-        if squares[weakest] >= least_gain(len(model.terms) - 1):
+        if squares[weakest] >= least_gain(fitting.problem, len(model.terms) - 1):
             break
         model = fitting.without(model, weakest)
     return model
@@ -153,6 +154,6 @@ def prune(fitting: Fitting, model: Model, *, keep_last: bool = False) -> Model:
         plainer = None if keep_last or minor else fitting.with_common_level(model)
         tried = minor or ([*simpler, plainer] if plainer is not None else simpler)
         best = min(tried, key=lambda one: one.score, default=None)
-        if best is None or (not minor and best.score - model.score >= least_gain(len(model.terms) - 1)):
+        if best is None or (not minor and best.score - model.score >= least_gain(fitting.problem, len(model.terms) - 1)):
             return model
         model = best
