@@ -34,7 +34,7 @@ from rwa_monitor.wheel.effects.catalogue import NOISE_EFFECTS
 from rwa_monitor.wheel.wheel import Wheel, built_in_wheel
 
 SEED: Final = 20_261_121
-LENGTHS: Final = (1_500, 6_000)  # samples
+LENGTHS: Final = (300, 1_500, 6_000)  # samples
 RECORDS: Final = 12  # for each length, motion and noise
 MOTIONS: Final[tuple[ProfileKind, ...]] = ("one_direction", "crossings", "rich")
 NOISES: Final = {

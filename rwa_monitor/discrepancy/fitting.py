@@ -289,7 +289,8 @@ class Fitting:
             if gained < SETTLED or not any(term.shape or depends_on_level(term.effect) for term in model.terms):
                 break
             model = self._reshaped(model)
-            model = with_law(self.problem, model, law_of(model), self._segmented(model))
+            segmented = with_law(self.problem, model, law_of(model), self._segmented(model))
+            model = min(model, segmented, key=lambda one: one.score)
         assert best is not None
         return self._with_own_level(with_exact_jumps(self.problem, best) if self.jumps else best)
 
@@ -314,16 +315,27 @@ class Fitting:
     def _reshaped(self, model: Model) -> Model:
         """Return a model with the shape of each term optimised given the other terms.
 
-        Its jumps are kept, except those at a step of a term's own columns.
+        A jump at a step of a term's own columns may be that step: it is removed where that lowers the score.
         """
-        terms, jumps = list(self._with_updated_columns(model)), model.fit.jumps
+        terms, jumps, law = list(self._with_updated_columns(model)), model.fit.jumps, law_of(model)
         for i, term in enumerate(terms):
             if term.shape:
-                others, jumps = (*terms[:i], *terms[i + 1 :]), off_steps(term, jumps)
-                beside = Background.of(self.problem, others, law_of(model), jumps)
-                terms[i], _ = profile(beside, model.fit.level, term.effect, around=term)
-                jumps = off_steps(term, jumps)
-        return with_law(self.problem, replace(model, terms=tuple(terms)), law_of(model), jumps)
+                others = (*terms[:i], *terms[i + 1 :])
+                fitted = []
+                for kept in _distinct(jumps, off_steps(term, jumps)):
+                    beside = Background.of(self.problem, others, law, kept)
+                    fitted.append((*profile(beside, model.fit.level, term.effect, around=term), kept))
+                terms[i], _, jumps = min(fitted, key=lambda one: one[1])
+        shaped, fewer = replace(model, terms=tuple(terms)), jumps
+        for term in terms:
+            fewer = off_steps(term, fewer) if term.shape else fewer
+        models = [with_law(self.problem, shaped, law, kept) for kept in _distinct(jumps, fewer)]
+        return min(models, key=lambda one: one.score)
+
+
+def _distinct(jumps: IntArray, fewer: IntArray) -> list[IntArray]:
+    """Return jumps and a subset of them, once where they are the same."""
+    return [jumps] if fewer.size == jumps.size else [jumps, fewer]
 
 
 def _ar1_coefficient(residual: FloatArray) -> float:

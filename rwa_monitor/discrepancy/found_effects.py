@@ -18,7 +18,7 @@ from rwa_monitor.discrepancy.p_values import built_in_null_distribution
 from rwa_monitor.discrepancy.problem import Problem
 from rwa_monitor.discrepancy.result import INDISTINGUISHABLE, FoundEffect, ParameterValue
 from rwa_monitor.discrepancy.score import Background, standard_deviations
-from rwa_monitor.discrepancy.shape_profile import is_logarithmic, reach_between, shape_limits
+from rwa_monitor.discrepancy.shape_profile import FEW_CHOICES, is_logarithmic, reach_between, shape_limits
 from rwa_monitor.discrepancy.terms import Found, Model, Term, law_of, make_term
 from rwa_monitor.samples import FloatArray
 from rwa_monitor.wheel.effects.base import Effect, Family, Parameter
@@ -336,9 +336,10 @@ def _limits(problem: Problem, term: Term) -> dict[str, tuple[float, float]]:
 
 
 def _at_expected_value(term: Term) -> frozenset[str]:
-    """Return the shape parameters that are at a value which physics expects: a whole order, a usual law."""
+    """Return the shape parameters that are at a value which physics expects, not at one of a few: none is certain."""
     parameters = CATALOGUE[term.effect.name].parameters if term.effect.name in CATALOGUE else term.effect.parameters
-    return frozenset(p.name for p in parameters if p.choices and term.shape[p.name] in p.choices)
+    certain = (p for p in parameters if len(p.choices) == 1 or len(p.choices) > FEW_CHOICES)
+    return frozenset(p.name for p in certain if term.shape[p.name] in p.choices)
 
 
 def _derivative(

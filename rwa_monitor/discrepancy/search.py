@@ -31,7 +31,10 @@ WORTH_SWAPPING: Final = 1.0  # decrease of the score from which an exchange is m
 
 
 def search(
-    fitting: Fitting, effects: Effects, progress: Progress = lambda _: None, asked: Callable[[Problem, int], float] = least_gain
+    fitting: Fitting,
+    effects: Effects,
+    progress: Progress = lambda _: None,
+    asked: Callable[[Problem, int], float] = least_gain,
 ) -> SearchResult:
     """Search for mean effects; the arguments are those of `grow`."""
     return rank(fitting, grow(fitting, effects, progress, asked=asked), progress)
@@ -154,6 +157,7 @@ def prune(fitting: Fitting, model: Model, *, keep_last: bool = False) -> Model:
         plainer = None if keep_last or minor else fitting.with_common_level(model)
         tried = minor or ([*simpler, plainer] if plainer is not None else simpler)
         best = min(tried, key=lambda one: one.score, default=None)
-        if best is None or (not minor and best.score - model.score >= least_gain(fitting.problem, len(model.terms) - 1)):
+        least = least_gain(fitting.problem, len(model.terms) - 1)
+        if best is None or (not minor and best.score - model.score >= least):
             return model
         model = best
