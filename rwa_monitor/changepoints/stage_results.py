@@ -74,6 +74,10 @@ class Candidates:
         """Count the candidates."""
         return int(self.index.size)
 
+    def __getitem__(self, kept: IntArray) -> Candidates:
+        """Return some of the candidates."""
+        return Candidates(self.index[kept], self.scale[kept], self.statistic[kept], self.jump[kept])
+
 
 class Temperature(NamedTuple):
     """The bearing temperature in a window, as used for its viscous friction.

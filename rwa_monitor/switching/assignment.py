@@ -186,7 +186,30 @@ def assign(
         level, signs = again, new_signs
     likely = score >= score[0] - MARGIN
     ranked = _rank(inputs, scores, starts[likely], taken[likely], level)
+    halves, gain = _halves(ranked[0], level, inputs.variance)
+    if halves.size:
+        whole = evidence._replace(candidates=candidates[np.delete(everyone, halves)])
+        undivided = assign(whole, wheel, carried, inputs.priors)
+        if undivided[0].log_score + gain > ranked[0].score:
+            return undivided
     return _result(inputs, level.at, ranked, states, pruned)
+
+
+def _halves(best: _Ranked, level: Level, variance: float) -> tuple[IntArray, float]:
+    """Return the changepoints that may be the smaller part of one jump, and what they add to the score without them.
+
+    A sensor that averages over its slot divides a jump within a slot into two of the same sign, one sample apart. That
+    sample, Gaussian about one of the levels elsewhere, is then uniform between both.
+    """
+    accepted = np.flatnonzero(best.system[:, 0] != REJECTED)
+    first, second = accepted[:-1], accepted[1:]
+    divided = (level.at[second] - level.at[first] == 1) & (level.jump[first] * level.jump[second] > 0.0)
+    first, second = first[divided], second[divided]
+    parts = np.abs(np.stack([level.jump[first], level.jump[second]]))
+    smaller, whole = parts.min(axis=0), parts.sum(axis=0)
+    gain = 0.5 * smaller**2 / variance - np.log(np.maximum(whole / np.sqrt(2.0 * np.pi * variance), 1.0))
+    halves: IntArray = np.where(parts[0] < parts[1], first, second)
+    return halves, float(gain.sum())
 
 
 def window_priors(evidence: Evidence, wheel: Wheel, carried: CarriedState | None = None) -> Priors:

@@ -166,6 +166,21 @@ def test_an_impossible_jump_is_unattributed():
     assert np.count_nonzero(assignment.system == UNATTRIBUTED) >= 5
 
 
+@pytest.mark.parametrize("share", [0.3, 0.5, 0.7])
+def test_a_jump_that_the_sensor_divides_is_one_jump(share):
+    """A sensor that averages over its slot reports a part of a jump in one slot and the rest in the next."""
+    jumps = {9_000: 0.4, 9_100: -0.4, 20_000: 0.55, 26_000: 0.5, 26_080: -0.5, 45_000: -0.55}
+    systems = {k: 1 if k in (20_000, 45_000) else 0 for k in jumps}
+    parts = {k + i: part * jump for k, jump in jumps.items() for i, part in enumerate((share, 1.0 - share))}
+    x, z = steps(parts)
+    evidence = evidence_of(x, z, candidates_at(x, z, np.array(list(parts)), STD, 1.0), STD)
+    assignment, levels = assign(evidence, WHEEL)
+    found = accepted(assignment)
+    assert [(s, d) for _, s, d in found] == [(systems[k], 1 if jump > 0 else -1) for k, jump in jumps.items()]
+    assert all(0 <= at - k <= 1 for (at, _, _), k in zip(found, jumps, strict=True))
+    assert np.diff(levels.level) == pytest.approx(list(jumps.values()), abs=0.03)
+
+
 @settings(max_examples=8, deadline=None)
 @given(seed=st.integers(0, 10_000), shift=st.floats(-0.2, 0.3), viscous=st.floats(0.5, 1.5))
 def test_shift_and_slope_change_no_attribution(seed, shift, viscous):
