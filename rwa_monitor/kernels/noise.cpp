@@ -8,6 +8,7 @@ constexpr double KEPT = 0.75, KEPT_MEAN = 0.36852405098355656;
 // A statistic beyond 12 v has this probability without a jump; the correction for jumps is at most the last share.
 constexpr double JUMPED = 12.0, JUMPED_RATE = 0.0005320055051392492, MOST_JUMPED = 0.3;
 constexpr double BORROWED = 30.0;    // weight of the next narrower scale's variance, in independent contrasts
+constexpr int64_t LONG_LAGS = 8;     // the longest lags: across a jump near the edge of a block lie few other pairs
 constexpr double LEAST_PAIRS = 8.0;  // of 64, at every lag of a block
 constexpr int64_t LENGTH = BLOCK + LAGS;
 constexpr double FEWEST = 200.0;          // statistics that a test of the tails needs
@@ -146,23 +147,35 @@ void block_differences(
     }
 }
 
-// γ(0) - γ(l) at the lags 1 … LAGS and its number of pairs, over the full blocks without those of high variance.
-tuple<NewFloats, NewFloats> quiet_levels(FloatMatrix sums, FloatMatrix pairs) {
+// γ(0) - γ(l) at the lags 1 … LAGS and its number of pairs, over the full blocks without those of high variance. Where
+// jumps are so frequent that most blocks hold one, quiet blocks are the lowest, of the share expected without a jump.
+tuple<NewFloats, NewFloats> quiet_levels(FloatMatrix sums, FloatMatrix pairs, double jump_share) {
     const int64_t blocks = sums.shape[0];
     NewFloats score(blocks, NAN), full;
+    const auto tail = [](const double* row) { return std::accumulate(row + LAGS - LONG_LAGS, row + LAGS, 0.0); };
     for (int64_t b : range(blocks)) {
         const double* row = &pairs(b, 0);
         const double count = sum_of_lags(row);
         if (count == LAGS * BLOCK || *min_element(row, row + LAGS) >= LEAST_PAIRS) {
             score[b] = sum_of_lags(&sums(b, 0)) / count;
+            if (jump_share > 0.0) score[b] = tail(&sums(b, 0)) / tail(row);
         }
         if (isfinite(score[b])) full.push_back(score[b]);
     }
     NewFloats levels(LAGS, NAN), counts(LAGS);
     if (full.empty()) return {levels, counts};
-    const double middle = median_in_place(full);
-    for (double& value : full) value = abs(value - middle);
-    const double most = middle + 4.0 * (1.4826 * median_in_place(full));
+    double middle = 0.0, deviation = 0.0;
+    if (jump_share > 0.0) {
+        sort(full);
+        const double quiet = exp(-jump_share * LENGTH) * full.size();
+        middle = full[static_cast<int64_t>(0.5 * quiet)];
+        deviation = middle - full[static_cast<int64_t>(0.25 * quiet)];
+    } else {
+        middle = median_in_place(full);
+        for (double& value : full) value = abs(value - middle);
+        deviation = median_in_place(full);
+    }
+    const double most = middle + (jump_share > 0.0 ? 3.0 : 4.0) * (1.4826 * deviation);
     fill(levels, 0.0);
     for (int64_t b : range(blocks)) {
         if (!(score[b] <= most)) continue;
@@ -225,7 +238,7 @@ bool are_heavy(const Quantiles& quantiles, double variance) {
 Noise learn_noise(
     FloatMatrix block_sums, FloatMatrix block_pairs, IntegerMatrix histogram, Integers scales,
     double start_variance, double jump_share) {
-    auto [levels, counts] = quiet_levels(block_sums, block_pairs);
+    auto [levels, counts] = quiet_levels(block_sums, block_pairs, jump_share);
     auto variances = scale_variances(histogram, scales, start_variance);
     auto implied = contrast_variances(levels, scales);
     for (int64_t s : range(scales.size())) {

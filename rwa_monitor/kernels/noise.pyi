@@ -61,8 +61,11 @@ def block_differences(
         Outputs: float64 (B, LAGS), sum of (e_{k+l} - e_k)²/2 and number of pairs of used samples.
     """
 
-def quiet_levels(sums: FloatArray, pairs: FloatArray) -> tuple[FloatArray, FloatArray]:
+def quiet_levels(sums: FloatArray, pairs: FloatArray, jump_share: float) -> tuple[FloatArray, FloatArray]:
     """Average the block differences, see `block_differences`, over the full blocks, without those of high variance.
+
+    Where jumps are so frequent that most blocks hold one (`jump_share`, see `WindowSettings`), high is what lies above
+    the lowest blocks, as many as are expected without a jump.
 
     Returns
     -------

@@ -53,9 +53,9 @@ def _outlier(z, variance=1.0):
     return largest_outlier(quantiles_of(_histogram(statistic), 0.0), variance, outlier_chance(N))
 
 
-def _estimate(z, **kwargs):
-    nothing = np.full(1, np.nan)
-    return estimate_noise(*quiet_levels(*_blocks(z, **kwargs)), np.ones(1, dtype=np.int64), nothing, z.size, np.nan)
+def _estimate(z, jump_share=0.0, **kwargs):
+    levels, counts = quiet_levels(*_blocks(z, **kwargs), jump_share)
+    return estimate_noise(levels, counts, np.ones(1, dtype=np.int64), np.full(1, np.nan), z.size, np.nan)
 
 
 @pytest.mark.parametrize(("variance", "jumped"), [(1e-9, 0.0), (1.0, 0.0), (5.76e-4, 0.0), (1.0, 0.02), (1.0, 0.1)])
@@ -65,6 +65,18 @@ def test_variance_of_a_contrast_comes_from_its_histogram_whatever_jumps(variance
     [v] = scale_variances(_histogram(values)[None], np.array([2]), np.nan)
     # Relative standard error of the trimmed mean: below 2/√n.
     assert v == pytest.approx(variance, rel=0.05 if jumped else 4 * 2 / np.sqrt(40_000))
+
+
+@pytest.mark.parametrize("rate", [1 / 200, 1 / 100, 1 / 75])
+@pytest.mark.parametrize("seed", range(3))
+def test_noise_is_known_though_most_blocks_hold_a_jump(rate, seed):
+    rng = np.random.default_rng(seed)
+    z = rng.standard_normal(20_000)
+    z += 10.0 * (np.cumsum(rng.random(z.size) < rate) % 2)
+    noise = _estimate(z, jump_share=rate)
+    # Some ten blocks of 64 + 64 samples are quiet, the lowest of them.
+    assert noise.std == pytest.approx(1.0, abs=0.15)
+    assert noise.long_run_factor == pytest.approx(1.0, abs=0.5)
 
 
 @pytest.mark.parametrize("seed", range(3))
@@ -141,7 +153,7 @@ def test_colour_is_called_ar_only_where_it_looks_like_it():
 @pytest.mark.parametrize("phi", [0.0, 0.5])
 def test_block_differences_imply_the_variance_of_each_contrast(phi):
     z = _ar(np.random.default_rng(13), phi) if phi else np.random.default_rng(13).standard_normal(N)
-    levels, _ = quiet_levels(*_blocks(z))
+    levels, _ = quiet_levels(*_blocks(z), 0.0)
     scales = np.array([1, 2, 8, 32, 64])
     v = contrast_variances(levels, scales)
     assert v[-1] == 0.0  # longer than the lags
