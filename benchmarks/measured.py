@@ -19,7 +19,7 @@ from benchmarks.page import NONE, add_output_option, page, put_out, section, tab
 from rwa_monitor.discrepancy.explanation import prepare
 from rwa_monitor.discrepancy.find import find_discrepancy
 from rwa_monitor.discrepancy.fitting import Fitting
-from rwa_monitor.discrepancy.likelihood import ACCEPT_GAIN
+from rwa_monitor.discrepancy.likelihood import ACCEPT_GAIN, FIRST_GAIN
 from rwa_monitor.discrepancy.record import make_record
 from rwa_monitor.discrepancy.result import Search
 from rwa_monitor.discrepancy.terms import Model, make_term
@@ -272,7 +272,8 @@ def to_markdown(joints: Sequence[Joint]) -> str:
                 ],
                 [[str(joint.number), *_lacking(joint.search)] for joint in joints],
             ),
-            "Numbers behind the names are gains of the penalised deviance; 25 is asked for.",
+            "Numbers behind the names are gains of the penalised deviance; "
+            f"{FIRST_GAIN:.0f} is asked of the first, {ACCEPT_GAIN:.0f} of each further one.",
         ),
         section("What that gains", GAINS, _gain_table(joints)),
         *_remarks(joints),
