@@ -110,8 +110,9 @@ def to_markdown(cases: Sequence[Case], results: Sequence[Result], wanted: Sequen
     header = ["", "systems switch", *(f"{name} found" for name in ANOMALIES)]
     return page(
         "Anomalies in wheels of a foreign simulator",
-        f"Seed {seed}; seeds 1 to {LOOKED_AT} were run so far, the last one once, after the last change. Wheels of 1e-4 to 0.1 kg m² sampled at 1 to 5 Hz, over motions with reversals, by sensors that"
-        " read a moment or a mean; `benchmarks/foreign` shares no line with the package, which sees a table of"
+        f"Seed {seed}; seeds 1 to {LOOKED_AT} were run so far, the last one once, after the last change. Wheels of"
+        " 1e-4 to 0.1 kg m² sampled at 1 to 5 Hz, over motions with reversals, by sensors that read a moment or a mean;"
+        " `benchmarks/foreign` shares no line with the package, which sees a table of"
         f" {SAMPLES:,} samples and a wheel file with the healthy constants. Dry friction is {DRY} times too large,"
         f" viscous friction {VISCOUS} times, the friction of a system {SYSTEM} times. Systems that switch often have"
         " sojourns of 75 to 400 samples, the others of some hundred to 5,000. Brackets: 95 % intervals.",
