@@ -196,7 +196,7 @@ def test_two_effects_of_which_neither_alone_explains_what_wanders(seed: int) -> 
 def null_gain(motion: str, correlation: float, seed: int) -> float:
     """Return by how much the best effect lowers the score where nothing is missing."""
     problem = problem_of(null_record(motion, correlation, seed))
-    return search(Fitting(problem, jumps=False), candidates(WHEEL), asked=lambda _: np.inf).best_rejected
+    return search(Fitting(problem, jumps=False), candidates(WHEEL), asked=lambda *_: np.inf).best_rejected
 
 
 @pytest.mark.parametrize("seed", [pytest.param(seed, marks=pytest.mark.slow) if seed else 0 for seed in range(9)])
