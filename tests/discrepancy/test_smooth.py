@@ -207,7 +207,7 @@ def test_nothing_gains_what_a_name_asks_for_where_nothing_is_missing(motion: str
 
 
 @pytest.mark.parametrize("seeds", [range(1), pytest.param(range(9), marks=pytest.mark.slow)])
-def test_a_level_that_wanders_is_hardly_ever_named(seeds: range) -> None:
+def test_a_level_that_wanders_hardly_ever_gains_what_a_further_name_asks_for(seeds: range) -> None:
     long = [one for one in CORRELATIONS if one > SHORT_MEMORY]
     gains = np.array([null_gain(motion, one, seed) for motion in MOTIONS for one in long for seed in seeds])
     assert np.mean(gains > ACCEPT_GAIN) < OFFSETS_SHARE
