@@ -22,11 +22,9 @@ from rwa_monitor.discrepancy.fitting import (
 )
 from rwa_monitor.discrepancy.likelihood import least_gain
 from rwa_monitor.discrepancy.problem import Problem
-from rwa_monitor.discrepancy.score import wald
-from rwa_monitor.discrepancy.terms import Found, Model, SearchResult, law_of
+from rwa_monitor.discrepancy.terms import Found, Model, SearchResult
 
 MAX_EFFECTS: Final = 4
-TRIED_IN_PAIRS: Final = 2  # best candidates, each of which is also tried together with a second effect
 WORTH_SWAPPING: Final = 1.0  # decrease of the score from which an exchange is made
 
 
@@ -88,12 +86,6 @@ def grow(
         if not alternatives:
             break
         gain, least = current.score - alternatives[0].score, asked(fitting.problem, named)
-        drifts = law_of(current).is_drift(current.fit.residual.size)  # the noise law may absorb a missing effect
-        if gain < least and drifts:  # of two missing effects, each alone may gain too little
-            pairs = [pair for one in alternatives[:TRIED_IN_PAIRS] for pair in fitting.extensions(one, testable)]
-            best = min(pairs, key=lambda pair: pair.score, default=current)
-            if current.score - best.score >= asked(fitting.problem, 0) + asked(fitting.problem, 1):
-                alternatives, gain = [best], least
         if gain < least:
             best_rejected = gain
             break
@@ -112,9 +104,8 @@ def grow(
 
 
 def rank(fitting: Fitting, grown: SearchResult, progress: Progress = lambda _: None) -> SearchResult:
-    """Find the gain of each significant effect of the last model, and the effects that are as good in its place."""
-    model, found = _without_insignificant(fitting, grown.nested[-1]), []
-    grown = replace(grown, nested=(*(one for one in grown.nested if len(one.terms) < len(model.terms)), model))
+    """Find the gain of each effect of the last model, and the effects that are as good in its place."""
+    model, found = grown.nested[-1], []
     for index, name in enumerate(model.names):
         progress(f"in the place of {name}")
         alternatives = fitting.replacements(model, index, grown.testable)
@@ -123,17 +114,6 @@ def rank(fitting: Fitting, grown: SearchResult, progress: Progress = lambda _: N
         found.append(Found(name, fitting.without(model, index).score - model.score, tuple(equivalent)))
     ranked = tuple(sorted(found, key=lambda entry: -entry.gain))
     return replace(grown, found=ranked)
-
-
-def _without_insignificant(fitting: Fitting, model: Model) -> Model:
-    """Remove effects whose Wald statistic (see `wald`) is below the gain asked, the weakest first."""
-    while model.terms:
-        squares = wald(fitting.problem, model)
-        weakest = int(np.argmin(squares))
-        if squares[weakest] >= least_gain(fitting.problem, len(model.terms) - 1):
-            break
-        model = fitting.without(model, weakest)
-    return model
 
 
 def _swap(fitting: Fitting, model: Model, effects: Effects, progress: Progress) -> Model:
