@@ -7,9 +7,9 @@ import numpy as np
 from rwa_monitor.changepoints.running_sums import RunningSums, Structure
 from rwa_monitor.changepoints.stage_results import Candidates, Evidence, NoiseEstimate
 from rwa_monitor.kernels.running_sums import extend_sums
-from rwa_monitor.samples import BoolArray, FloatArray, IntArray
+from rwa_monitor.samples import FloatArray, IntArray
 from rwa_monitor.switching.assignment import Scores, action_table
-from rwa_monitor.switching.duration_likelihoods import DurationLikelihoods, tabulated_durations
+from rwa_monitor.switching.duration_likelihoods import tabulated_durations
 from rwa_monitor.wheel.durations import Geometric, Lognormal, Uniform
 from rwa_monitor.wheel.effects.torque_ripple import MAX_HARMONIC
 from rwa_monitor.wheel.switching_systems import simulate_system
@@ -119,68 +119,20 @@ SHORT = SwitchingSystem(name="short", durations=(Uniform(low=200, high=500), Uni
 LONG = SwitchingSystem(name="long", durations=(Uniform(low=300, high=900),) * 3, up=(1.0, 0.4, 0.0))
 FREE = SwitchingSystem(name="free", durations=(Geometric(mean=400), Lognormal(mu=5.0, sigma=0.5)))
 SLOTS = 3000
-UNATTRIBUTED = -10.0  # log prior
 
 
-@dataclass(frozen=True)
-class Sizes:
-    """Sizes of the jumps and what the friction laws expect, as in `Scores`."""
-
-    jump: FloatArray
-    variance: FloatArray
-    law_mean: FloatArray
-    law_variance: FloatArray
-    log_range: float
-    unattributed_variance: float
-
-
-@dataclass(frozen=True)
-class Problem:
-    """Inputs of the score of a path; without `sizes` the sizes of jumps do not count."""
-
-    fit: FloatArray
-    durations: DurationLikelihoods
-    configurations: IntArray
-    signs: BoolArray
-    pairs: bool
-    sizes: Sizes | None = None
-
-    @property
-    def actions(self) -> IntArray:
-        table = action_table(self.configurations.size)
-        return table if self.pairs else table[table[:, 2] < 0]
-
-    @property
-    def scores(self) -> Scores:
-        durations, sizes, count = self.durations, self.sizes, self.signs.shape[0]
-        none = np.zeros(durations.turn.shape[:2])
-        # Such uncertain sizes that none is informative: each has the density that the fits assume.
-        sizes = sizes or Sizes(np.zeros(count), np.full(count, 1e30), none, none, 0.5 * np.log(2e30 * np.pi), 1.0)
-        return Scores(
-            fit=self.fit,
-            **durations._asdict(),
-            configurations=self.configurations,
-            signs=self.signs,
-            actions=self.actions,
-            size=sizes.jump,
-            size_variance=sizes.variance,
-            law_mean=sizes.law_mean,
-            law_variance=sizes.law_variance,
-            log_range=sizes.log_range,
-            unattributed=UNATTRIBUTED,
-            unattributed_variance=sizes.unattributed_variance,
-        )
-
-
-def random_problem(
+def random_scores(
     rng: np.random.Generator,
     systems: tuple[SwitchingSystem, ...],
     candidates: int,
     *,
     rare: bool = True,
     sized: bool = False,
-) -> Problem:
-    """A window with random candidates and levels; without `rare` events, no missed jump and no two at once."""
+) -> Scores:
+    """A window with random candidates and levels; without `rare` events, no missed jump and no two at once.
+
+    The sizes of the jumps count only where it is `sized`.
+    """
     index = np.sort(rng.choice(np.arange(1, SLOTS), size=candidates, replace=False)).astype(np.int64)
     nodes = np.concatenate([[0], index, [SLOTS]])
     # Fits like those of real levels: merging different levels is costly, merging equal ones is not.
@@ -197,22 +149,33 @@ def random_problem(
     signs[~signs.any(axis=1), 0] = True
     if not rare:
         durations.missed[:] = -np.inf
+    actions = action_table(len(systems))
     at_rest = np.arange(durations.turn.shape[1]) == 0
-    sizes = Sizes(
-        jump=np.diff(level),
-        variance=0.01**2 * (1.0 + rng.exponential(1.0, size=candidates)),
+    scores = Scores(
+        fit=fit,
+        **durations._asdict(),
+        configurations=np.array([system.configurations for system in systems], dtype=np.int64),
+        signs=signs,
+        actions=actions if rare else actions[actions[:, 2] < 0],
+        size=np.diff(level),
+        size_variance=0.01**2 * (1.0 + rng.exponential(1.0, size=candidates)),
         law_mean=np.tile(np.where(at_rest, 0.0, 0.5 * np.arange(at_rest.size)), (len(systems), 1)),
         law_variance=np.tile(np.where(at_rest, 0.0, 0.1**2), (len(systems), 1)),
         log_range=0.0,
+        unattributed=-10.0,
         unattributed_variance=0.3**2,
     )
-    return Problem(
-        fit=fit,
-        durations=durations,
-        configurations=np.array([system.configurations for system in systems], dtype=np.int64),
-        signs=signs,
-        pairs=rare,
-        sizes=sizes if sized else None,
+    return scores if sized else without_sizes(scores)
+
+
+def without_sizes(scores: Scores) -> Scores:
+    """Return the scores with such uncertain sizes that none is informative: each has the density that fits assume."""
+    none = np.zeros_like(scores.law_mean)
+    return scores._replace(
+        size_variance=np.full(scores.size.size, 1e30),
+        law_mean=none,
+        law_variance=none,
+        log_range=0.5 * np.log(2e30 * np.pi),
     )
 
 
