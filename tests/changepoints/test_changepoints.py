@@ -77,58 +77,11 @@ def _window(z, used=None):
     return sums_of(np.ones(z.size), z, used)
 
 
-def _all_peaks(sums, scales, least):
-    """Return every slot above `least` at every scale: many more than a detector would keep."""
-    parts = []
-    for w in scales:
-        statistic, _ = wglr(*sums.arrays[1:4], w, 1e6, 0.0)
-        at = np.flatnonzero(np.nan_to_num(statistic) / SIGMA**2 > least)
-        parts.append((at, np.full(at.size, w), statistic[at] / SIGMA**2))
-    index, scale, statistic = (np.concatenate(part) for part in zip(*parts, strict=True))
-    return Candidates(index, scale, statistic, np.zeros(index.size))
-
-
-def _choose(sums, threshold=20.0, outlier=0.0):
-    scales = np.array([1, 2, 4, 8, 16, 32, 64, 128])
-    peaks = _all_peaks(sums, scales, threshold)
-    table = variance_table(scales, np.full(scales.size, SIGMA**2))
-    return _select(peaks, sums, table, threshold, outlier)
-
-
 def _select(peaks, sums, table, threshold, outlier=0.0, correlation=0.0):
     least = Threshold(table, threshold, outlier)
     slope = (SIGMA**2, 0.0, 1.0)  # the speed is constant: the slope is that of its prior
     tried = (peaks.index, peaks.scale, peaks.statistic)
     return Candidates(*choose(*tried, sums.slots, sums.arrays, least, correlation, *slope))
-
-
-@pytest.mark.parametrize("sojourn", [1, 2, 3, 10, 200])
-def test_two_jumps_near_each_other_are_two_candidates_and_nothing_else(sojourn):
-    """Slots on the flanks and side lobes of big jumps are all offered; only the jumps themselves may stay."""
-    z = SIGMA * np.random.default_rng(sojourn).standard_normal(2000)
-    z[1000 : 1000 + sojourn] += 20 * SIGMA
-    chosen = _choose(_window(z))
-    assert chosen.index.tolist() == [1000, 1000 + sojourn]
-    assert np.sign(chosen.jump).tolist() == [1.0, -1.0]
-
-
-def test_statistic_of_a_lone_jump_is_that_of_its_long_halves():
-    rng = np.random.default_rng(9)
-    z = SIGMA * rng.standard_normal(1000)
-    z[500:] += 10 * SIGMA
-    chosen = _choose(_window(z))
-    jump = z[500:].mean() - z[:500].mean()
-    assert chosen.index.tolist() == [500]
-    assert chosen.jump[0] == pytest.approx(jump)
-    assert chosen.statistic[0] == pytest.approx(jump**2 * 250 / SIGMA**2)
-
-
-def test_an_outlier_within_the_tails_is_no_pair_of_jumps_but_a_lasting_jump_stays():
-    z = SIGMA * np.random.default_rng(10).standard_normal(2000)
-    z[500] += 15 * SIGMA
-    z[1200:] += 6 * SIGMA
-    assert _choose(_window(z)).index.tolist() == [500, 501, 1200]
-    assert _choose(_window(z), outlier=40 * SIGMA).index.tolist() == [1200]
 
 
 def test_in_coloured_noise_places_are_found_better_with_its_colour():

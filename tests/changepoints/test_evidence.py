@@ -144,6 +144,8 @@ def test_both_directions_and_a_zero_crossing(direction):
     evidence, _ = _gather(direction * speed, direction * torque, good)
     assert evidence.candidates.index.tolist() == [3000, 11_000]
     np.testing.assert_allclose(evidence.candidates.jump / (SIGMA / TORQUE), [15.0, -10.0], atol=0.3)
+    # χ² of the whole halves, of 1024 samples each at most, over the variance of contrasts of 128.
+    np.testing.assert_allclose(evidence.candidates.statistic, [512 * 15.0**2, 512 * 10.0**2], rtol=0.5)
     assert evidence.used == int((np.abs(speed) >= 1.0).sum())
 
 

@@ -9,7 +9,7 @@ from rwa_monitor.changepoints import estimation
 from rwa_monitor.changepoints.stage_results import Candidates, SwitchingPath
 from rwa_monitor.diagnosis.model import built_in_model, stray_probabilities
 from rwa_monitor.kernels.assignment import PREFERENCE
-from rwa_monitor.kernels.friction import solve_cases
+from rwa_monitor.kernels.friction import evidence_of_cases, solve_cases
 from rwa_monitor.kernels.laws import densities
 from rwa_monitor.switching.friction_model import Cases
 from tests.switching.assignment_windows import sums_of
@@ -26,8 +26,6 @@ def test_levels_signs_and_chains_are_those_of_the_samples():
     nodes = found.nodes
     assert nodes.tolist() == [0, 1, 3, 4, 5]
     borders = np.array([0, 90, 330, 450, 600])
-    chain = found.pairs[:, nodes[:-1], nodes[1:]]
-    assert chain == pytest.approx(sums.between(borders[:-1], borders[1:]))
     own = np.zeros((used.sum(), 5))
     own[np.arange(used.sum()), np.searchsorted(borders, np.flatnonzero(used), side="right") - 1] = 1.0
     own[:, 4] = x[used]
@@ -99,6 +97,20 @@ def test_the_posterior_is_that_of_the_normal_equations(spread):
     assert found[2] == pytest.approx(np.sqrt(np.diag(covariance)), rel=1e-9)
     assert found[3] == pytest.approx(covariance, rel=1e-9, abs=1e-12)
     assert found[4].tolist() == column.tolist()
+    # The mixture of this case and one with another base.
+    states, log_prior = np.array([[base, *anomaly], [(1.5, 0.4), *anomaly]]), np.log([0.3, 0.7])
+    alone = cases._replace(states=states[1:])
+    each = [found, solve_cases(path, borders, statistics, alone, variance, scatter)]
+    both = Cases(table, states, np.array([[0, 0, 0], [1, 0, 0]]), log_prior, rest)
+    evidence, mean, _, covariance, _ = solve_cases(path, borders, statistics, both, variance, scatter)
+    scores = log_prior + [one[0] for one in each]
+    weights = np.exp(scores - np.logaddexp(*scores))
+    apart = [one[1] - mean for one in each]
+    spread = sum(w * (one[3] + np.outer(off, off)) for w, one, off in zip(weights, each, apart, strict=True))
+    assert evidence == pytest.approx(np.logaddexp(*scores), rel=1e-12)
+    assert evidence_of_cases(path, borders, statistics, both, variance, scatter) == pytest.approx(evidence, rel=1e-12)
+    assert mean == pytest.approx(weights @ [one[1] for one in each], rel=1e-9, abs=1e-12)
+    assert covariance == pytest.approx(spread, rel=1e-9, abs=1e-12)
 
 
 def test_values_that_are_not_known_have_no_density():

@@ -5,11 +5,10 @@ import pytest
 
 from rwa_monitor.changepoints.estimation import SlopePrior
 from rwa_monitor.changepoints.stage_results import Components, SwitchingPath
-from rwa_monitor.kernels.friction import evidence_of_cases
 from rwa_monitor.switching.assignment import assign
 from rwa_monitor.switching.carried_state import CarriedState, FrictionMemory, SystemState, Tracked
 from rwa_monitor.switching.components import split
-from rwa_monitor.switching.friction_model import measure, prior_tables, priors_of, solve
+from rwa_monitor.switching.friction_model import measure, priors_of
 from rwa_monitor.wheel.wheel import built_in_wheel
 from tests.switching.assignment_windows import Window, sums_of, window
 
@@ -79,51 +78,6 @@ def test_anomalies_are_not_explained_away():
     for made in windows(44, 5, rests=True, base=1.3):
         parts = split_of(made)
         assert parts.base_dry == pytest.approx(1.3, abs=0.02)
-
-
-def test_evidence_is_that_of_the_whole_gaussian():
-    """The closed form from sums equals the density of all samples under the joint normal law, up to a constant."""
-    rng = np.random.default_rng(45)
-    slots, std = 60, 0.1
-    x, z = rng.uniform(0.3, 1.0, slots), rng.normal(1.5, 0.5, slots)
-    priors = priors_of(WHEEL, None, 1.0, 0.5)
-    scatter = 0.02**2
-
-    def densities(path: SwitchingPath, borders: np.ndarray) -> tuple[float, float]:
-        sums = sums_of(x, z)
-        moments = sums.between(borders[:-1], borders[1:])
-        closed = solve(path, borders, moments, priors, std**2, scatter).log_evidence
-        cases = prior_tables(priors)
-        alone = evidence_of_cases(path, borders, moments, cases, std**2, scatter)
-        assert alone == pytest.approx(closed, abs=1e-9)
-        segment = np.searchsorted(borders, np.arange(slots), side="right") - 1
-        direct = []
-        parts = (priors.base, *priors.anomaly)
-        for choice in cases.choice.tolist():
-            base, first, second = (part[i] for part, i in zip(parts, choice, strict=True))
-            friction_of = []
-            for q in path.split(path.configurations)[1]:
-                law = priors.laws[1][int(q)]
-                friction_of.append(((1 + second.mean) * law.mid, law.mid * second.std, (1 + second.mean) * law.scatter))
-            sojourn = np.searchsorted(path.split(path.starts)[1], np.arange(slots), side="right") - 1
-            own = np.array(friction_of)[sojourn]
-            mean = base.mean + own[:, 0] + priors.slope.mean * x
-            covariance = base.std**2 + np.outer(own[:, 1], own[:, 1]) + priors.slope.std**2 * np.outer(x, x)
-            covariance += np.outer(own[:, 2], own[:, 2]) * (sojourn[:, None] == sojourn[None, :])
-            covariance += scatter * (segment[:, None] == segment[None, :]) + std**2 * np.eye(slots)
-            miss = z - mean
-            log_density = -0.5 * miss @ np.linalg.solve(covariance, miss) - 0.5 * np.linalg.slogdet(covariance)[1]
-            direct.append(log_density + np.log(base.probability * first.probability * second.probability))
-        return closed, float(np.logaddexp.reduce(direct))
-
-    paths = [((0,), (0,), (0, 60)), ((0, 1), (0, 20), (0, 20, 60)), ((1, 2, 1), (0, 25, 40), (0, 25, 40, 60))]
-    differences = []
-    for configurations, starts, borders in paths:
-        rest = np.zeros(1, dtype=np.int64)  # fss_1 rests throughout
-        path = SwitchingPath.of((rest, np.array(configurations)), (rest, np.array(starts)), np.zeros(0, dtype=np.int64))
-        closed, direct = densities(path, np.array(borders))
-        differences.append(closed - direct)
-    assert np.ptp(differences) < 1e-6
 
 
 def test_what_the_samples_alone_show_is_the_integral_over_flat_priors():
