@@ -99,28 +99,22 @@ def test_a_range_beyond_the_window_is_refused(start, stop):
 SLOTS = 20_000
 PERIOD_S = 0.125
 BAND, CERTAIN = 1.0, 0.05  # rad/s
-ANGLE = PERIOD_S  # x in rad/s: the angle of a slot at x = 1
 
 
-def gather(speed: FloatArray, z: FloatArray, good: BoolArray) -> Structure:
-    """Gather a window."""
-    x = np.abs(speed)
-    sums = StructureSums.of(speed.size)
-    _extend(sums, speed, (x, z, good, good & (x >= BAND)), CERTAIN, ANGLE)
-    return sums.close()
-
-
-def _extend(
-    sums: StructureSums,
+def gather(
     speed: FloatArray,
-    samples: tuple[FloatArray, FloatArray, BoolArray, BoolArray],
-    certain: float,
-    angle_per_x: float,
-) -> None:
-    """Add all slots."""
-    count_signs(0, speed, samples[2], sums.signs, sums.counts)
-    hop = stretch_hop(speed.size)
-    extend_structure(samples[0], *samples, 0, speed.size, certain, angle_per_x, hop, sums)
+    z: FloatArray,
+    good: BoolArray,
+    band: float = BAND,
+    certain: float = CERTAIN,
+    angle_per_x: float = PERIOD_S,  # x in rad/s: the angle of a slot at x = 1
+) -> Structure:
+    """Gather a window."""
+    x, hop = np.abs(speed), stretch_hop(speed.size)
+    sums = StructureSums.of(speed.size)
+    count_signs(0, speed, good, sums.signs, sums.counts)
+    extend_structure(x, x, z, good, good & (x >= band), 0, speed.size, certain, angle_per_x, hop, sums)
+    return sums.close()
 
 
 def swing(rng: np.random.Generator) -> tuple[FloatArray, FloatArray, BoolArray]:
@@ -181,10 +175,7 @@ def test_a_dead_zone_is_distinguished_from_rest_and_from_a_lattice() -> None:
 def test_the_ripple_is_the_power_at_multiples_of_the_angle() -> None:
     rng = np.random.default_rng(9)
     x, z = 1.0 + 0.01 * rng.standard_normal(STRETCH), rng.standard_normal(STRETCH)
-    everywhere = np.ones(STRETCH, dtype=np.bool_)
-    sums = StructureSums.of(STRETCH)
-    _extend(sums, x, (x, z, everywhere, everywhere), 0.0, 0.61)
-    [power] = sums.close().ripple
+    [power] = gather(x, z, np.ones(STRETCH, dtype=np.bool_), 0.0, 0.0, 0.61).ripple
     slots = np.arange(STRETCH)
     e = z - np.polyval(np.polyfit(slots, z, 1), slots)
     angle = 0.61 * np.concatenate(([0.0], np.cumsum(0.5 * (x[1:] + x[:-1]))))

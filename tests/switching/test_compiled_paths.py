@@ -15,30 +15,6 @@ from rwa_monitor.switching.friction_model import Cases
 from tests.switching.assignment_windows import sums_of
 
 
-def test_levels_signs_and_chains_are_those_of_the_samples():
-    rng = np.random.default_rng(13)
-    slots, index = 600, np.array([90, 200, 330, 450])
-    x, used = rng.uniform(0.3, 1.0, slots), rng.random(slots) > 0.1
-    level = np.array([1.0, 1.5, 1.5, 1.2, 1.4])[np.searchsorted(index, np.arange(slots), side="right")]
-    z = level + 0.8 * x + 0.02 * rng.standard_normal(slots)
-    sums = sums_of(x, z, used)
-    found = estimation.measure_level(index, np.array([0, 2, 3]), sums, 0.02**2, 0.0, 1e6)
-    nodes = found.nodes
-    assert nodes.tolist() == [0, 1, 3, 4, 5]
-    borders = np.array([0, 90, 330, 450, 600])
-    own = np.zeros((used.sum(), 5))
-    own[np.arange(used.sum()), np.searchsorted(borders, np.flatnonzero(used), side="right") - 1] = 1.0
-    own[:, 4] = x[used]
-    plain = np.linalg.lstsq(own, z[used], rcond=None)[0]
-    assert found.slope == pytest.approx(plain[4], rel=1e-9)
-    assert found.spread == pytest.approx(np.ptp(plain[:4]), rel=1e-9)
-    # The contrast of the first points down, the levels up; that of the second, rejected one, is weak.
-    statistic, jump = np.array([100.0, 4.0, 100.0, 100.0]), np.array([-0.1, 0.1, -0.3, np.nan])
-    candidates = Candidates(index, np.full(4, 16), statistic, jump)
-    signs = estimation.possible_signs(candidates, found)
-    assert signs.tolist() == [[True, True], [True, True], [True, False], [True, True]]
-
-
 def test_levels_without_samples_leave_the_sign_to_the_contrast():
     x, used = np.ones(300), np.ones(300, dtype=np.bool_)
     used[100:200] = False
