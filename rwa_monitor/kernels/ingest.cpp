@@ -14,29 +14,6 @@ constexpr double RECENT_SLOTS = 128;     // over which restlessness and roughnes
 constexpr double ROUGHNESS_FACTOR = 6;   // mean steps between neighbours: seven standard deviations of white noise
 constexpr double STEPS_TO_JUDGE = 16;    // needed before roughness is known well enough
 
-// Python's // for integers: rounded down, also below zero.
-int64_t floor_divide(int64_t a, int64_t b) { return a / b - (a % b != 0 && (a < 0) != (b < 0)); }
-
-// Assign samples to slots, as SlotGrid.slot_of, up to a clock step or a slot beyond `furthest`; mark those later than
-// all before. Returns the number of samples in the piece, how many of them are ahead, and how many of those are good.
-tuple<int64_t, int64_t, int64_t> assign_slots(
-    Integers time_ns, Flags good, int64_t origin_ns, int64_t period_ns, int64_t frontier, int64_t furthest,
-    int64_t window_slots, bool passed, Vector<int64_t> slots, Vector<bool> ahead) {
-    int64_t before = frontier - 1, ahead_count = 0, used = 0;
-    for (int64_t k : range(time_ns.size())) {
-        const int64_t doubled = 2 * (time_ns[k] - origin_ns) + period_ns;
-        const int64_t slot = floor_divide(doubled, 2 * period_ns), step = slot - before;
-        const bool far = abs(step) > window_slots;
-        if ((far && !passed) || (k > 0 && slot > furthest)) return {k, ahead_count, used};
-        slots[k] = slot;
-        ahead[k] = step > 0 && !(passed && far);
-        ahead_count += ahead[k];
-        used += ahead[k] && good[k];
-        before = max(before, slot);
-    }
-    return {time_ns.size(), ahead_count, used};
-}
-
 // The state of a channel, see slots.Channel.
 struct Memory {
     double recent[OUTSTANDING_SLOTS], last, step, bend, restless, repeated, restless_before, rough, steps;
@@ -97,6 +74,6 @@ bool judge(
 
 }  // namespace
 
-STAGE(ingest, assign_slots, judge, HANGING_SLOTS, OUTSTANDING_SLOTS, HANGS, STANDS_OUT)
+STAGE(ingest, judge, HANGING_SLOTS, OUTSTANDING_SLOTS, HANGS, STANDS_OUT)
 
 }  // namespace rwa

@@ -18,7 +18,6 @@ from typing import Final, NamedTuple, Self
 
 import numpy as np
 
-from rwa_monitor.kernels.ingest import assign_slots
 from rwa_monitor.messages import ClockNs, Count
 from rwa_monitor.samples import (
     CHANNELS,
@@ -495,21 +494,16 @@ class SlotAssignment:
             Those of them that take a slot; None where none does.
         """
         counts = self.counts
-        piece_ns, piece_good = rows.time_ns[start : start + PIECE_SLOTS], good[start : start + PIECE_SLOTS]
-        slots, ahead = np.empty(piece_ns.size, dtype=np.int64), np.empty(piece_ns.size, dtype=np.bool_)
-        count, ahead_count, used = assign_slots(
-            piece_ns,
-            piece_good,
-            grid.origin_ns,
-            grid.period_ns,
-            ring.end,
-            ring.end + PIECE_SLOTS,
-            self.window_slots,
-            passed,
-            slots,
-            ahead,
-        )
-        slots, ahead = slots[:count], ahead[:count]
+        slots = grid.slot_of(rows.time_ns[start : start + PIECE_SLOTS])
+        step = slots - np.maximum.accumulate(np.append(ring.end - 1, slots[:-1]))  # from the latest slot before
+        far = np.abs(step) > self.window_slots
+        ends = slots > ring.end + PIECE_SLOTS
+        ends[0] = False
+        if not passed:
+            ends |= far
+        count = int(ends.argmax()) if ends.any() else slots.size
+        slots, ahead = slots[:count], ((step > 0) & ~far)[:count]
+        ahead_count, used = int(ahead.sum()), int((ahead & good[start : start + count]).sum())
         if count < len(rows):
             rows = rows[start : start + count]
         if ahead_count < count:
