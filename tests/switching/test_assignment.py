@@ -70,7 +70,7 @@ def test_places_jumps_of_the_examples_on_the_right_system():
     # A sojourn of one or two slots (1 % of those of fss_1) may leave no candidate: that is what 99 % allows.
     assert good >= 0.99 * total
     assert false < 0.1 * windows
-    assert counts["paper"][0] < good
+    assert 0.9 * total <= counts["paper"][0] < good
 
 
 NONE = with_systems()

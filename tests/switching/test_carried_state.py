@@ -13,44 +13,12 @@ from rwa_monitor.switching.carried_state import (
     CHANGE_PER_WINDOW,
     MAX_STATE_BYTES,
     CarriedState,
-    FrictionMemory,
-    SystemState,
     Tracked,
     follow,
     next_systems,
     probability_before,
 )
 from rwa_monitor.wheel.wheel import Wheel, built_in_wheel
-
-floats = st.floats(-1e6, 1e6, allow_nan=False)
-positive = st.floats(0, 1e6, allow_nan=False)
-tracked = st.builds(Tracked, mean=floats, std=positive, windows=st.integers(1, 10_000))
-memories = st.builds(FrictionMemory, count=positive, mean=floats, std=positive)
-systems = st.builds(
-    SystemState,
-    name=st.sampled_from(["fss_1", "fss_2"]),
-    configuration=st.none() | st.integers(0, 5),
-    age=st.none() | st.integers(0, 10**7),
-    friction=st.lists(st.none() | memories, max_size=3).map(tuple),
-)
-states = st.builds(
-    CarriedState,
-    windows=st.integers(0, 10**6),
-    base_dry=st.none() | tracked,
-    viscous=st.none() | tracked,
-    noise_std=st.none() | positive,
-    probability=st.dictionaries(st.sampled_from(["dry", "viscous", "fss_1"]), st.floats(0, 1)),
-    inadequate=st.integers(0, 100),
-    fss=st.lists(systems, max_size=2).map(tuple),
-)
-
-
-@given(states)
-def test_round_trip_is_exact(state: CarriedState) -> None:
-    again = CarriedState.from_json(state.to_json(), "state")
-    assert again == state
-    assert again.to_json() == state.to_json()
-    assert again.sha256() == state.sha256()
 
 
 @pytest.mark.parametrize(
