@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 from rwa_monitor.changepoints.estimation import (
-    FLAT_PRIOR,
     SlopePrior,
     estimate,
     nominal_slope_prior,
@@ -33,25 +32,15 @@ def _record(seed=1, n=2000, jumps=((600, 0.5), (1400, -0.3))):
     return x, z, np.array([index for index, _ in jumps], dtype=np.int64)
 
 
-def _least_squares(x, z, used, index, prior=FLAT_PRIOR):
-    """Solve the paper's Y = H [F, f_v] as it stands, with the matrix written out."""
-    edges = np.concatenate([[0], index, [z.size]])
-    start, stop = edges[:-1], edges[1:]
-    rows, target, weights = [], [], []
-    for i, (a, b) in enumerate(zip(start, stop, strict=True)):
-        for k in range(a, b):
-            if used[k]:
-                rows.append([*(float(i == j) for j in range(start.size)), x[k]])
-                target.append(z[k])
-                weights.append(1.0 / SIGMA)
+def _least_squares(x, z, used, index, prior):
+    """Solve the paper's Y = H [F, f_v] as it stands, with the matrix written out; the prior is one more row."""
+    interval = np.searchsorted(index, np.flatnonzero(used), side="right")
+    matrix = np.column_stack([np.equal.outer(interval, np.arange(index.size + 1)), x[used]]) / SIGMA
+    target = z[used] / SIGMA
     if np.isfinite(prior.std):
-        rows.append([0.0] * start.size + [1.0])
-        target.append(prior.mean)
-        weights.append(1.0 / prior.std)
-    w = np.array(weights)
-    matrix, target = np.array(rows) * w[:, None], np.array(target) * w
-    solution = np.linalg.lstsq(matrix, target, rcond=None)[0]
-    return solution, np.linalg.inv(matrix.T @ matrix), float(np.sum((target - matrix @ solution) ** 2))
+        matrix = np.vstack([matrix, np.eye(1, index.size + 2, index.size + 1) / prior.std])
+        target = np.append(target, prior.mean / prior.std)
+    return np.linalg.lstsq(matrix, target, rcond=None)[0], np.linalg.inv(matrix.T @ matrix)
 
 
 @pytest.mark.parametrize("prior", [SlopePrior(), SlopePrior(1.0, 0.01)])
@@ -60,7 +49,7 @@ def test_levels_slope_and_stds_are_those_of_least_squares(prior, share):
     x, z, index = _record()
     used = np.random.default_rng(2).random(z.size) < share
     fit = estimate(_evidence(x, z, used), index, prior)
-    solution, covariance, _ = _least_squares(x, z, used, index, prior)
+    solution, covariance = _least_squares(x, z, used, index, prior)
     np.testing.assert_allclose([*fit.level, fit.viscous], solution, rtol=1e-9)
     window = _evidence(x, z, used)
     noise = window.noise

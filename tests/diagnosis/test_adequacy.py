@@ -2,13 +2,10 @@
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 from scipy import signal
 
 from benchmarks.adequacy.trials import MEAN_EFFECTS, MOTIONS, diagnose_recipe, hide_and_diagnose
-from rwa_monitor.diagnosis.adequacy import Blocks, ModelErrorUncertainty, persistence
-from rwa_monitor.diagnosis.features import Features, SystemFeatures
+from rwa_monitor.diagnosis.adequacy import Blocks, persistence
 from rwa_monitor.diagnosis.model import built_in_model
 from rwa_monitor.monitor.core import diagnose_samples
 from rwa_monitor.samples import FloatArray
@@ -122,9 +119,6 @@ def test_one_bad_interval_is_left_out() -> None:
 # ---- where the model lacks an effect, a healthy wheel is not called failing, and a failing one  ----------------------
 
 
-UNCERTAINTIES = st.floats(0.0, 10.0)
-
-
 @pytest.mark.parametrize(
     ("name", "motion", "taken_for"),
     [("quadratic_drag", "rich", "viscous"), ("quadratic_drag", "orbit", "viscous"), ("lubricant_lag", "orbit", "")],
@@ -153,19 +147,6 @@ def test_a_failing_wheel_is_found_where_the_missing_effect_does_not_touch_it(ano
     assert diagnosis.verdict == "anomalous"
     assert [name for name, found in diagnosis.anomalies.items() if found.active] == [anomaly]
     assert "extend the wheel file" in diagnosis.explanation
-
-
-@given(base=UNCERTAINTIES, viscous=UNCERTAINTIES, systems=UNCERTAINTIES)
-def test_model_error_uncertainty_only_adds(base: float, viscous: float, systems: float) -> None:
-    stds = np.array([0.0, 0.02])
-    system = SystemFeatures("fss_1", np.array([0, 1]), np.array([0.0, 0.5]), stds, rests=True)
-    features = Features(1.0, 0.01, 1.0, 0.02, (system,))
-    wide = ModelErrorUncertainty(base, viscous, systems).widen(features)
-    assert (wide.base_dry, wide.viscous) == (1.0, 1.0)
-    assert wide.base_dry_std >= max(0.01, base)
-    assert wide.viscous_std >= max(0.02, viscous)
-    assert wide.systems[0].friction_std[0] == 0.0  # at rest a system has no friction, whatever is missing
-    assert wide.systems[0].friction_std[1] >= max(0.02, systems)
 
 
 @pytest.mark.parametrize(("seed", "motion"), [(50_000, "crossings"), (50_000, "orbit"), (50_002, "rich")])
