@@ -1,6 +1,8 @@
 // Assignment of candidates to jumps of switching systems, or to none (see rwa_monitor/switching/assignment.py).
 #include "detection.hpp"
 
+#include <unordered_map>
+
 namespace rwa {
 namespace {
 
@@ -296,9 +298,9 @@ struct State {
 
     bool operator==(const State&) const = default;
 };
-size_t hash(const State& state) {
+using StateHash = decltype([](const State& state) {
     return std::hash<std::string_view>{}({reinterpret_cast<const char*>(&state), sizeof state});
-}
+});
 
 // A partial assignment: its state, score and node in the tree; mean and variance of each system's friction.
 struct Entry {
@@ -443,22 +445,16 @@ State moved(const Scores& scores, State state, int64_t k, int64_t action) {
 void merge(
     const Scores& scores, int64_t k, double cutoff, size_t room, const vector<Entry>& entries,
     const vector<Offer>& offers, size_t kept, vector<Merged>& merged) {
-    NewIntegers places(std::bit_ceil(2 * min(room, offers.size()) + 1), -1);  // in `merged`, by the hash of a state
-    const size_t last = places.size() - 1;
+    std::unordered_map<State, size_t, StateHash> places(min(room, offers.size()));  // in `merged`
     size_t taken = 0;
     merged.clear();
     for (size_t offer = 0; offer < offers.size() && taken < room; ++offer) {
         const auto& [entry, action, score, bound] = offers[offer];
         if (bound < cutoff) continue;
         ++taken;
-        const State state = moved(scores, entries[entry].state, k, action);
-        size_t at = hash(state) & last;
-        while (places[at] >= 0 && merged[places[at]].state != state) at = (at + 1) & last;
-        if (places[at] < 0) {
-            places[at] = merged.size();
-            merged.push_back({state});
-        }
-        auto& [same, count, best] = merged[places[at]];
+        const auto [place, is_new] = places.try_emplace(moved(scores, entries[entry].state, k, action), merged.size());
+        if (is_new) merged.push_back({place->first});
+        auto& [same, count, best] = merged[place->second];
         size_t rank = count;  // after those with an equal score
         for (; rank > 0 && offers[best[rank - 1]].score < score; --rank) best[rank] = best[rank - 1];
         best[rank] = offer;
