@@ -79,25 +79,29 @@ def estimate(evidence: Evidence, index: IntArray, prior: SlopePrior = FLAT_PRIOR
     x_mean, z_mean = x / n, z / n
     sxx, sxz = np.maximum(xx - x * x_mean, 0.0), xz - x * z_mean
     errors = np.maximum(zz - z * z_mean, 0.0) - 2.0 * slope * sxz + slope * slope * sxx
-    level = np.where(seen, z_mean - slope * x_mean, np.nan)
+    level = z_mean - slope * x_mean
     # At zero mean speed the slope does not affect the level, even if its standard deviation is infinite.
     felt = np.where(x_mean != 0.0, slope_std, 0.0)
     step = np.diff(x_mean)
     shared = step * step * np.where(step != 0.0, slope_std, 0.0) ** 2
     jump_std = np.sqrt(noise.std**2 * (mean_variance[:-1] + mean_variance[1:]) + shared)
-    # An interval without samples takes the level of the last interval with samples before it, or else of the first.
-    place = np.maximum.accumulate(np.where(seen, np.arange(n.size), np.argmax(seen)))
+    level_std = np.sqrt(noise.std**2 * mean_variance + x_mean * x_mean * felt * felt)
     total = float(count.sum())
     rmse = math.sqrt(max(float(np.cumsum(errors)[-1]), 0.0) / total) if total else 0.0
-    return Estimate(
-        index=index,
-        level=level[place] if seen.any() else np.zeros(n.size),
-        level_std=np.where(seen, np.sqrt(noise.std**2 * mean_variance + x_mean * x_mean * felt * felt), np.inf),
-        jump_std=np.where(seen[:-1] & seen[1:], jump_std, np.inf),
-        viscous=slope,
-        viscous_std=slope_std,
-        rmse=rmse,
-    )
+    levels = filled(seen, level, level_std, jump_std)
+    return Estimate(index, *levels, viscous=slope, viscous_std=slope_std, rmse=rmse)
+
+
+def filled(
+    seen: BoolArray, level: FloatArray, level_std: FloatArray, jump_std: FloatArray
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return levels and standard deviations as `Estimate` has them, given which intervals hold a used sample.
+
+    Any other takes the level of the last interval before it that holds one, or else of the first.
+    """
+    place = np.maximum.accumulate(np.where(seen, np.arange(seen.size), np.argmax(seen)))
+    both = seen[:-1] & seen[1:]
+    return level[place], np.where(seen, level_std, np.inf), np.where(both, jump_std, np.inf)
 
 
 # ---- residuals of short blocks, from running sums: no sample is read again -------------------------------------------

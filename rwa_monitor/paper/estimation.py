@@ -10,6 +10,7 @@ from typing import Final
 
 import numpy as np
 
+from rwa_monitor.changepoints.estimation import filled
 from rwa_monitor.changepoints.noise import FALSE_POSITIVE, mean_variance_factor
 from rwa_monitor.changepoints.stage_results import Estimate, NoiseEstimate
 from rwa_monitor.paper.detection import SCALE, Signal
@@ -54,19 +55,9 @@ def estimate(signal: Signal, index: IntArray, noise: NoiseEstimate, w: int = SCA
     level_std = np.sqrt(mean_variance + _times(x_mean, slope_std) ** 2)
     jump_std = np.sqrt(mean_variance[:-1] + mean_variance[1:] + _times(np.diff(x_mean), slope_std) ** 2)
     rmse = math.sqrt(np.mean((z_apart - slope * x_apart) ** 2)) if x.size else 0.0
-    # An interval without samples takes the level of the last one with samples before it, or of the first one.
-    shown = np.maximum.accumulate(np.where(seen, np.arange(n.size), np.argmax(seen)))
-    both = seen[:-1] & seen[1:]
-    friction = Estimate(
-        index=index,
-        level=level[shown],
-        level_std=np.where(seen, level_std, np.inf),
-        jump_std=np.where(both, jump_std, np.inf),
-        viscous=slope,
-        viscous_std=float(slope_std),
-        rmse=rmse,
-    )
-    return friction, rejection(n, level, noise, both)
+    levels = filled(seen, level, level_std, jump_std)
+    friction = Estimate(index, *levels, viscous=slope, viscous_std=float(slope_std), rmse=rmse)
+    return friction, rejection(n, level, noise, seen[:-1] & seen[1:])
 
 
 def away_from_changepoints(used: BoolArray, interval: IntArray, index: IntArray, error: int) -> BoolArray:

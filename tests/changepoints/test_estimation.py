@@ -9,18 +9,15 @@ from rwa_monitor.changepoints.estimation import (
     nominal_slope_prior,
     residual_blocks,
 )
-from rwa_monitor.changepoints.stage_results import Evidence, NoiseEstimate
 from rwa_monitor.kernels.running_sums import slope_within
 from rwa_monitor.wheel.wheel import built_in_wheel
-from tests.switching.assignment_windows import NO_CANDIDATES, NO_STRUCTURE, sums_of
+from tests.switching.assignment_windows import NO_CANDIDATES, evidence_of, sums_of
 
 SIGMA = 0.024  # the paper's noise, normalised
-WHITE = NoiseEstimate(SIGMA, SIGMA**2 * np.eye(1, 64)[0], 1.0)
 
 
-def _evidence(x, z, used=None, noise=WHITE):
-    used = np.ones(z.size, dtype=np.bool_) if used is None else used
-    return Evidence(z.size, z.size, int(used.sum()), NO_CANDIDATES, sums_of(x, z, used), noise, 20.0, NO_STRUCTURE)
+def _evidence(x, z, used=None):
+    return evidence_of(x, z, NO_CANDIDATES, SIGMA, used)
 
 
 def _record(seed=1, n=2000, jumps=((600, 0.5), (1400, -0.3))):
