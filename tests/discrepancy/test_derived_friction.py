@@ -60,7 +60,6 @@ def test_given_friction_and_a_motor_that_is_off_leave_the_window() -> None:
 @pytest.mark.parametrize("scale", [1e-6, 1e6])
 def test_units_of_the_torque_do_not_matter(scale: float) -> None:
     seen = motion(2.0, 5e-3, 0)
-    assert seen.torque_Nm is not None
     scaled = WHEEL.model_copy(update={"inertia_kg_m2": INERTIA * scale})
     one = with_fitting_window([Motion(seen.speed_rad_s, scale * seen.torque_Nm, None)], scaled)
     assert half(one) == half(with_fitting_window([seen], WHEEL))

@@ -15,7 +15,7 @@ from rwa_monitor.simulation.scenario import Anomaly, Scenario
 from rwa_monitor.wheel.effects.catalogue import mean_effects
 from rwa_monitor.wheel.wheel import EffectBlock, Wheel, built_in_wheel
 
-VISCOUS = built_in_wheel().nominal.viscous_Nm_s_rad  # type: ignore[union-attr]
+VISCOUS = built_in_wheel().nominal.viscous_Nm_s_rad
 CONCAVE = EffectBlock(name="sublinear_viscous", parameters={"strength_Nm": 2.0e-5, "exponent": 0.667})
 
 

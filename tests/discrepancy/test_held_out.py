@@ -150,7 +150,6 @@ def test_what_is_hidden_is_found_again_in_half_of_a_recording_and_gains_on_the_r
     in_message = found.result.to_json()["gain"]["searched_again"]
     assert SearchedAgainMessage.model_validate(in_message).effects == ["stribeck"]
     by_speed = found.result.gain.searched_again_by_speed
-    assert by_speed is not None
     assert by_speed.effects == ["stribeck"]
     assert by_speed.held_out == ["searched, speeds 2, 4, … of 5"]
     page = " ".join(html(found, ["searched"]).split())

@@ -24,13 +24,9 @@ PAIR = {"inertia_error", "torque_constant_error"}
 def measured(gain: float = 0.0) -> Samples:
     """A rich motion with all three channels, their gains off by a part, and no friction channel."""
     wheel = built_in_wheel()
-    assert wheel.inertia_kg_m2
-    assert wheel.torque_constant_Nm_A
-    assert wheel.winding_resistance_ohm
     scenario = Scenario(speed=SpeedProfile(kind="rich"), duration_s=SLOTS * wheel.sample_period_s, friction_given=False)
     run, rng = simulate(scenario, wheel, np.random.default_rng(5)), np.random.default_rng(6)
     speed, torque = run.truth.speed_rad_s, run.truth.motor_torque_Nm
-    assert torque is not None
     current = torque / wheel.torque_constant_Nm_A
     voltage = wheel.winding_resistance_ohm * current + wheel.torque_constant_Nm_A * speed + 0.1  # an offset of its own
     power = 3.0 + wheel.winding_resistance_ohm * current**2 + wheel.torque_constant_Nm_A * current * speed
@@ -52,8 +48,6 @@ def with_channels(samples: Samples, *names: str) -> Samples:
 def stated(inertia: float = 1.0, torque_constant: float = 1.0) -> Wheel:
     """A wheel file whose constants are off by a factor."""
     wheel = built_in_wheel()
-    assert wheel.inertia_kg_m2
-    assert wheel.torque_constant_Nm_A
     constants = {
         "inertia_kg_m2": inertia * wheel.inertia_kg_m2,
         "torque_constant_Nm_A": torque_constant * wheel.torque_constant_Nm_A,
@@ -121,7 +115,6 @@ def test_what_several_recordings_show_is_the_same_in_any_order_and_no_surer_than
 
 def test_momentum_of_body_and_wheel_together_is_not_used_and_said() -> None:
     samples = measured()
-    assert samples.body_momentum_Nms is not None
     whole = samples.body_momentum_Nms + stated().inertia_kg_m2 * samples.speed_rad_s
     (shown,) = measured_constants(
         with_channels(replace(samples, body_momentum_Nms=whole), "body_momentum_Nms"), stated()
@@ -133,7 +126,6 @@ def test_momentum_of_body_and_wheel_together_is_not_used_and_said() -> None:
 
 def test_an_error_that_the_wheel_file_has_already_is_no_contradiction() -> None:
     wheel = stated(inertia=0.96)
-    assert wheel.inertia_kg_m2 is not None
     error = EffectBlock(name="inertia_error", parameters={"strength_kg_m2": wheel.inertia_kg_m2 * 0.04 / 0.96})
     extended = wheel.model_copy(update={"effect": (error,)})
     (shown,) = measured_constants(with_channels(measured(), "body_momentum_Nms"), extended)
@@ -145,9 +137,7 @@ def test_a_current_sensor_that_follows_the_bus_voltage_is_reported() -> None:
     scenario = Scenario(speed=SpeedProfile(kind="rich"), duration_s=SLOTS * wheel.sample_period_s)
     run = simulate(scenario, wheel, np.random.default_rng(8))
     bus = 28.0 + 2.0 * np.sign(np.sin(np.arange(SLOTS) / 300.0)) * np.linspace(0.2, 1.0, SLOTS)
-    assert run.samples.friction_torque_Nm is not None
     friction = run.samples.friction_torque_Nm + 1.5 * run.truth.noise_std_Nm * (bus - 28.0)
     samples = replace(run.samples, friction_torque_Nm=friction, bus_voltage_V=bus)
     left = find_discrepancy([("bench", samples)], wheel).result.unexplained
-    assert left is not None
     assert "bus voltage" in left.signature

@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from scipy.signal import lfilter
 
 from rwa_monitor.discrepancy.base_fit import segment, segment_correlated
 from rwa_monitor.kernels.segmentation import decafs, fpop, optimal_curves
+from tests.discrepancy.smooth import remembering
 
 Array = np.ndarray[Any, np.dtype[np.float64]]
 
@@ -115,19 +115,6 @@ def least_squares(z: Array, phi: Array, v: Array, jumps: Any) -> float:
     return float(residual @ residual)
 
 
-def autoregressive(rng: np.random.Generator, n: int, phi: float) -> Array:
-    """Stationary noise of correlation phi and innovation variance 1."""
-    innovations = rng.normal(size=n)
-    innovations[0] /= np.sqrt(1 - phi**2)
-    return np.asarray(lfilter([1.0], [1.0, -phi], innovations))
-
-
-def model(n: int, phi: float) -> tuple[Array, Array]:
-    v = np.ones(n)
-    v[0] = 1 / (1 - phi**2)
-    return np.full(n, phi), v
-
-
 @settings(max_examples=40, deadline=None)
 @given(
     seed=st.integers(0, 2**32 - 1),
@@ -161,39 +148,12 @@ def test_without_correlation_it_is_the_plain_segmentation(seed: int, n: int, pen
 @pytest.mark.parametrize("seed", range(3))
 def test_a_search_that_must_be_repeated_is_exact(seed: int) -> None:
     # Under a swing and a low penalty, the first cut-off is too low. One jump more or less must not be better.
-    rng = np.random.default_rng(seed)
-    n = 150
-    phi, v = model(n, 0.95)
-    z = autoregressive(rng, n, 0.95) + 100 * np.sin(np.arange(n) / 20)
+    n, fresh = 150, 1 - 0.95**2  # the innovations' share of the variance
+    phi, v = np.full(n, 0.95), np.append(1 / fresh, np.ones(n - 1))
+    z = remembering(n, 0.95, np.random.default_rng(seed)) / np.sqrt(fresh) + 100 * np.sin(np.arange(n) / 20)
     found = segment_correlated(z, phi, v, 2.0).tolist()
     best = least_squares(z, phi, v, found)
     for k in set(range(1, n)) ^ set(found):
         assert least_squares(z, phi, v, sorted([*found, k])) + 2.0 >= best
     for k in found:
         assert least_squares(z, phi, v, [j for j in found if j != k]) - 2.0 >= best
-
-
-@pytest.mark.parametrize("seed", range(3))
-def test_jumps_in_correlated_noise_are_found_and_no_others(seed: int) -> None:
-    # Ignoring a jump of size h costs h² at its first sample alone or a bent level: far above a penalty of 30.
-    rng = np.random.default_rng(seed)
-    n, size, places = 20000, 30.0, [4000, 4200, 9000, 15000]
-    phi, v = model(n, 0.9)
-    z = autoregressive(rng, n, 0.9)
-    for k in places:
-        z[k:] += rng.choice([-size, size])
-    penalty = 3 * np.log(n)
-    assert segment_correlated(z, phi, v, penalty).tolist() == places
-    plain = fpop(z, np.full(n, (1 - 0.9) ** 2), penalty)  # the noise's variance over the long run
-    assert plain.size <= len(places)
-
-
-def test_a_sign_flip_of_the_noise_is_no_jump() -> None:
-    rng = np.random.default_rng(1)
-    n = 10000
-    phi, v = model(n, 0.95)
-    sign = np.where(np.arange(n) // 700 % 2, -1.0, 1.0)
-    phi[1:] *= sign[1:] * sign[:-1]
-    z = sign * autoregressive(rng, n, 0.95)
-    z[5000:] += 25.0
-    assert segment_correlated(z, phi, v, 3 * np.log(n)).tolist() == [5000]

@@ -42,9 +42,6 @@ def read(speed: FloatArray, *, held: bool, width: float = WIDTH) -> FloatArray:
 def test_zone_is_found_and_carried_over(held: bool, derived: bool) -> None:
     wheel = built_in_wheel()
     nominal, inertia, constant = wheel.nominal, wheel.inertia_kg_m2, wheel.torque_constant_Nm_A
-    assert nominal
-    assert inertia
-    assert constant
     speed, rng = passages()[:3_713], np.random.default_rng(9)  # it ends in the zone
     friction = nominal.dry_torque_Nm * np.sign(speed) + nominal.viscous_Nm_s_rad * speed
     friction += 2e-5 * rng.standard_normal(speed.size)
@@ -60,7 +57,6 @@ def test_zone_is_found_and_carried_over(held: bool, derived: bool) -> None:
     (found,) = [effect for effect in search.result.effects if effect.family == "mean"]
     edge = found.parameters["dead_zone_rad_s"]
     assert found.name == "speed_dead_zone"
-    assert edge.std is not None
     assert abs(edge.value - WIDTH) < 4.0 * edge.std + 3.0 * NOISE
     (block,) = extend(search).wheel.effect
     assert block.parameters == {"strength_Nm": 0.0, "dead_zone_rad_s": edge.value}
@@ -73,8 +69,6 @@ def test_zone_does_not_depend_on_unit_or_direction(scale: float, held: bool, mir
     speed = passages()[:: -1 if backwards else 1]
     plain = read_zone(read(speed, held=held), 0.0)
     other = read_zone(read(speed, held=held) * (-scale if mirrored else scale), 0.0)
-    assert plain is not None
-    assert other is not None
     assert other.width_rad_s == pytest.approx(scale * plain.width_rad_s)
     assert np.array_equal(other.inside, plain.inside)
     assert other.deviance == pytest.approx(plain.deviance, rel=0.05)  # a reading may change its part
@@ -84,7 +78,6 @@ def test_zone_does_not_depend_on_unit_or_direction(scale: float, held: bool, mir
 def test_all_that_rests_in_the_zone_is_left_out_and_nothing_else(held: bool) -> None:
     speed = passages()
     zone = read_zone(read(speed, held=held), 0.0)
-    assert zone is not None
     assert np.array_equal(zone.inside, np.abs(speed) < WIDTH)  # the hurried passage, too
 
 
@@ -92,7 +85,6 @@ def test_all_that_rests_in_the_zone_is_left_out_and_nothing_else(held: bool) -> 
 def test_three_passages_show_it_however_their_few_readings_fall(seed: int) -> None:
     turns = np.interp(np.arange(1_600), [0.0, 400.0, 800.0, 1_200.0, 1_600.0], [-20.0, 60.0, -20.0, 60.0, 50.0])
     zone = read_zone(read(turns + 0.1 * np.random.default_rng(seed).standard_normal(turns.size), held=False), 0.0)
-    assert zone is not None
     assert zone.width_rad_s == pytest.approx(WIDTH, abs=3.0 * zone.std_rad_s)
 
 

@@ -30,13 +30,6 @@ def test_taps_are_those_of_savitzky_and_golay(window_s):
     assert taps == pytest.approx(oracle, abs=1e-10)
 
 
-def test_taps_are_odd_to_the_last_bit():
-    for derivative in (GOLAY, CENTRAL):
-        taps = tb.derivative_taps(derivative, PERIOD)
-        assert np.array_equal(taps, -taps[::-1])
-    assert tb.derivative_taps(CENTRAL, PERIOD) == pytest.approx([-4.0, 0.0, 4.0])
-
-
 @derivatives
 def test_a_missing_sample_touches_its_stencil_and_nothing_else(derivative):
     speed = np.sin(np.arange(200) / 9.0)

@@ -119,7 +119,7 @@ def test_an_unknown_effect_is_refused_with_the_names_there_are() -> None:
 
 
 def test_an_effect_from_outside_joins_the_catalogue_once() -> None:
-    class Outside(CATALOGUE["stribeck"]):  # type: ignore[misc]
+    class Outside(CATALOGUE["stribeck"]):
         """An effect of somebody else's package."""
 
         name = "effect_of_another_package"

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from rwa_monitor.kernels.effects import dahl_bristle, first_order_lag
 from rwa_monitor.samples import FloatArray
 from rwa_monitor.wheel.effects.torque_balance_errors import CurrentDelay
-from rwa_monitor.wheel.effects.torque_ripple import angle_turned, coherent_slots
+from rwa_monitor.wheel.effects.torque_ripple import angle_turned
 from tests.wheel.effects.records import channels_of
 
 
@@ -49,15 +49,6 @@ def test_the_wheel_turns_on_through_a_gap() -> None:
     np.testing.assert_allclose(holed[usable], whole[usable], rtol=1e-12)
 
 
-@pytest.mark.parametrize("harmonic", [1.0, 6.0])
-def test_phase_wanders_by_a_radian_over_the_coherent_slots(harmonic: float) -> None:
-    rng = np.random.default_rng(4)
-    slots = coherent_slots(harmonic, 0.01, 0.125)
-    wander = [harmonic * 0.125 * 0.01 * rng.normal(size=slots).sum() for _ in range(50)]
-    assert np.std(wander) == pytest.approx(1.0, abs=0.4)  # the spread of 50 has a standard deviation of a tenth
-    assert coherent_slots(harmonic, 0.0, 0.125) > 1e9
-
-
 @given(
     st.lists(st.floats(-700, 700), min_size=2, max_size=60),
     st.floats(1e-5, 1.0),
@@ -69,14 +60,3 @@ def test_the_bristle_never_leaves_its_range(speeds: list[float], scale_rad: floa
     bristle = dahl_bristle(values, np.ones(values.size, dtype=bool), period_s, scale_rad, start())
     assert np.isfinite(bristle).all()
     assert (np.abs(bristle) <= 1.0).all()
-
-
-@given(st.lists(st.floats(-700, 700), min_size=2, max_size=60), st.floats(0.02, 1e4), st.floats(1e-3, 10.0))
-def test_a_lag_stays_between_the_extremes_of_its_input(
-    speeds: list[float], time_constant_s: float, period_s: float
-) -> None:
-    values = np.array(speeds)
-    lagged = first_order_lag(values, np.ones(values.size, dtype=bool), period_s, time_constant_s, start())
-    slack = 1e-9 * (1.0 + np.abs(values).max())
-    assert lagged.max() <= values.max() + slack
-    assert lagged.min() >= values.min() - slack

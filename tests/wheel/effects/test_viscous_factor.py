@@ -131,7 +131,7 @@ def test_an_extended_wheel_diagnoses_as_if_the_effect_were_not_there(name: str) 
     hidden = simulate(scenario, extended, np.random.default_rng(5)).samples
 
     def jumps(samples: object, used: object) -> int:
-        (closed,) = diagnose_samples(samples, used, built_in_model())  # type: ignore[arg-type]
+        (closed,) = diagnose_samples(samples, used, built_in_model())
         return sum(change.fss != "rejected" for change in closed.diagnosis.changepoints)
 
     assert jumps(hidden, extended) == jumps(plain, wheel)
