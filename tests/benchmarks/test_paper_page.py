@@ -11,12 +11,10 @@ import pytest
 from scipy import special
 
 from benchmarks.paper.__main__ import main
-from benchmarks.paper.examine import ERROR_STEP, HARD, ORACLE, Examined, examine
-from benchmarks.paper.peers import accepted, add_second_source, candidates, dummy, score
-from benchmarks.paper.widths import AS_IT_IS, WIDTHS, try_widths
+from benchmarks.paper.examine import ERROR_STEP, ORACLE, Examined, examine
+from benchmarks.paper.peers import add_second_source, candidates, score
 from benchmarks.speed.peers import Peer
 from benchmarks.window import window_of
-from rwa_monitor.paper.detection import SCALE
 from rwa_monitor.simulation.datasets import LabelledWindow, generate
 from rwa_monitor.simulation.record import Changepoints
 
@@ -94,26 +92,6 @@ def test_errors_are_those_of_the_noise_where_jumps_are_known(
         assert one.fitted["joint"].excess_rmse < one.naive_excess_rmse
 
 
-def test_both_methods_and_the_printed_one_leave_their_features(examined: list[Examined]) -> None:
-    for one in examined:
-        assert {"paper", HARD, "joint", "oracle A", "oracle B"} <= set(one.outcome.features)
-        assert one.work["joint"].rejected <= one.work["joint"].candidates
-        if one.possible:
-            # Where hard laws allow a sequence of jumps, there is nothing to soften.
-            assert one.outcome.features[HARD].base_dry == one.outcome.features["paper"].base_dry
-
-
-def test_the_sweep_holds_the_method_as_it_is(windows: list[LabelledWindow], examined: list[Examined]) -> None:
-    tried = try_widths(windows[0])
-    assert len(tried) == len(WIDTHS) * 2
-    as_it_is = tried[AS_IT_IS, SCALE]
-    features = examined[0].outcome.features["paper"]
-    assert as_it_is.features.base_dry == features.base_dry
-    for one, other in zip(as_it_is.features.systems, features.systems, strict=True):
-        np.testing.assert_array_equal(one.friction, other.friction)
-    assert as_it_is.rejected == examined[0].work["paper"].rejected
-
-
 def jumps(*index: int, visible: tuple[bool, ...] | None = None) -> Changepoints:
     n = len(index)
     return Changepoints(
@@ -140,16 +118,6 @@ def jumps(*index: int, visible: tuple[bool, ...] | None = None) -> Changepoints:
 )
 def test_changepoints_are_counted_once(found: list[int], truth: Changepoints, expected: tuple[int, int, int]) -> None:
     assert score(np.array(found, dtype=np.int64), truth) == expected
-
-
-def test_ours_find_what_a_dummy_does_not(windows: list[LabelledWindow]) -> None:
-    for labelled in windows:
-        window, truth = window_of(labelled), labelled.telemetry.truth.changepoints
-        visible, found, false = score(accepted(window), truth)
-        assert found >= visible - 1
-        assert false <= 1
-        by_chance = 11 * dummy(window).size / window.speed_rad_s.size * visible
-        assert score(dummy(window), truth)[1] <= by_chance + 5 * np.sqrt(by_chance) + 1
 
 
 def test_a_second_source_that_knows_the_truth_recovers_all_that_ours_miss(windows: list[LabelledWindow]) -> None:

@@ -5,14 +5,13 @@ import pytest
 
 from rwa_monitor.discrepancy.angle import angle_line
 from rwa_monitor.discrepancy.base_fit import fit
-from rwa_monitor.discrepancy.explanation import prepare
 from rwa_monitor.discrepancy.extended import extend
 from rwa_monitor.discrepancy.find import find_discrepancy
 from rwa_monitor.discrepancy.plan import plan
-from rwa_monitor.discrepancy.record import make_record
 from rwa_monitor.samples import Samples
 from rwa_monitor.wheel.wheel import Wheel
 from tests.discrepancy.simple import DRY_NM, NOISE_NM, PERIOD_S, VISCOUS, Array, sampled
+from tests.discrepancy.smooth import problem_of
 
 COUNT = 6000
 WHEEL = Wheel(name="slow", sample_period_s=PERIOD_S)
@@ -64,8 +63,7 @@ def test_noise_and_a_line_in_time_are_none_over_the_angle(seed: int) -> None:
     rng = np.random.default_rng(seed)
     samples = record(slow(rng), 1.0, 0.0, 0.0, rng)
     hum = 2e-4 * np.cos(2 * np.pi * 0.31 * samples.time_ns * 1e-9) * (seed % 2)
-    samples = Samples(samples.time_ns, samples.speed_rad_s, samples.friction_torque_Nm + hum)
-    problem = prepare([make_record(samples, WHEEL, "hum")], WHEEL)
+    problem = problem_of(sampled(samples.speed_rad_s, samples.friction_torque_Nm + hum), wheel=WHEEL)
     assert angle_line(problem, fit(problem)) is None
 
 

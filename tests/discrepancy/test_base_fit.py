@@ -4,19 +4,14 @@ import numpy as np
 import pytest
 
 from rwa_monitor.discrepancy.base_fit import fit, make_problem
-from rwa_monitor.discrepancy.problem import Problem
 from rwa_monitor.discrepancy.record import make_record
 from rwa_monitor.errors import InputError
 from tests.discrepancy.simple import DRY_NM, NOISE_NM, VISCOUS, WHEEL, record, swing
 
 
-def problem_of(seed: int = 0) -> Problem:
-    return make_problem([make_record(record(swing(), seed=seed)[0], WHEEL, "simple")], WHEEL)
-
-
 @pytest.mark.parametrize("seed", range(3))
 def test_slope_levels_and_jumps_are_found(seed: int) -> None:
-    problem = problem_of(seed)
+    problem = make_problem([make_record(record(swing(), seed=seed)[0], WHEEL, "simple")], WHEEL)
     found = fit(problem)
     assert problem.slot[found.jumps].tolist() == pytest.approx([1500, 4000, 6200], abs=1)
     # The slope's error: σ over √n times the spread of |ω|, about 75 rad/s; the measured sign errs at few crossings.

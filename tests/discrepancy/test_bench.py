@@ -32,21 +32,29 @@ def drag(speed: Array, windage: float) -> Array:
     return 0.02 + 0.002 * speed + windage * speed**2
 
 
-def turns(windage: float, seed: int = 0, rows: int = 400) -> tuple[Array, Array, float]:
-    """Return time, speed and inertia of a wheel that runs down from 20 to about 2 rad/s, one row a turn."""
-    fine, low, high, inertia = 50, 0.01, 100.0, 1.0
-    squares = np.zeros(rows * fine)
-    while high / low > 1.0001:
-        inertia = float(np.sqrt(low * high))
-        squares[0] = 400.0
-        for k in range(1, squares.size):
-            at = squares[k - 1]
-            squares[k] = max(at - 4 * np.pi / fine / inertia * (0.02 + 0.002 * at**0.5 + windage * at), 1e-6)
-        low, high = (low, inertia) if squares[-1] > 4.0 else (inertia, high)
-    speed = np.sqrt(squares)
-    time = np.append(0.0, np.cumsum(4 * np.pi / fine / (speed[1:] + speed[:-1])))
-    noise = 1e-4 * np.random.default_rng(seed).normal(size=rows)
-    return time[::fine], speed[::fine] * (1 + noise), inertia
+INERTIA = 1.8  # kg m²
+
+
+def run_down_by_turns(windage: float, angle: Array) -> tuple[Array, Array]:
+    """Return time and speed at angles [rad] of a wheel that runs down from 20 to 2 rad/s."""
+    slow = lambda _, y: y[1] - 2.0  # noqa: E731
+    slow.terminal = True
+    time, speed = solve_ivp(
+        lambda _, y: [1.0 / y[1], -drag(y[1], windage) / (INERTIA * y[1])],
+        (min(angle[0], 0.0), angle[-1]),
+        [0.0, 20.0],
+        t_eval=angle,
+        events=slow,
+        rtol=1e-10,
+        atol=1e-12,
+    ).y
+    return time, speed
+
+
+def turns(windage: float) -> tuple[Array, Array]:
+    """Return time and speed of such a wheel, a row a turn."""
+    time, speed = run_down_by_turns(windage, 2 * np.pi * np.arange(3000))
+    return time, speed * (1 + 1e-4 * np.random.default_rng(0).normal(size=time.size))
 
 
 def run_down(windage: float, uneven: float = 0.0, period_s: float = 0.5, seed: int = 0) -> Samples:
@@ -177,12 +185,12 @@ def test_short_tables_name_windage(rows: int, ladder: bool) -> None:
 @pytest.mark.parametrize("windage", [WINDAGE, 0.0])
 @pytest.mark.parametrize("given", [True, False])
 def test_a_row_a_turn_is_read_as_it_is(windage: float, given: bool) -> None:
-    time, speed, inertia = turns(windage)
+    time, speed = turns(windage)
     assert np.diff(time).max() > 5 * np.diff(time).min()
     friction = drag(speed, windage)
     friction = friction + 0.01 * friction.mean() * np.random.default_rng(1).normal(size=speed.size)
     table = samples(time, speed, friction if given else None)
-    wheel = Wheel(name="on", sample_period_s=0.125) if given else bench(inertia)
+    wheel = Wheel(name="on", sample_period_s=0.125) if given else bench(INERTIA)
     search = find_discrepancy([("turns", table)], wheel)
     assert names(search) == (["quadratic_drag"] if windage else [])
     assert search.result.unexplained is None
@@ -315,18 +323,11 @@ def test_the_loss_of_a_gear_is_none_of_the_wheels_friction() -> None:
 
 
 def pulse_times(windage: float, per_turn: int) -> Array:
-    """Return when a wheel of 1.8 kg m² that runs down from 20 rad/s gives its pulses, one less and one more."""
+    """Return when such a wheel gives its pulses, one less and one more."""
     rng = np.random.default_rng(per_turn)
     marks = np.arange(per_turn) / per_turn + 0.02 / per_turn * rng.uniform(-1, 1, per_turn)
     angle = 2 * np.pi * (np.arange(350)[:, None] + marks).ravel()
-    run: Array = solve_ivp(
-        lambda _, y: [1.0 / y[1], -drag(y[1], windage) / (1.8 * y[1])],
-        (min(angle[0], 0.0), angle[-1]),
-        [0.0, 20.0],
-        t_eval=np.sort(np.append(angle, 2 * np.pi * 123.3)),
-        rtol=1e-10,
-        atol=1e-12,
-    ).y[0]
+    run, _ = run_down_by_turns(windage, np.sort(np.append(angle, 2 * np.pi * 123.3)))
     return np.delete(run, 57 * per_turn) + 1e-5 * rng.normal(size=run.size - 1)
 
 
@@ -338,7 +339,7 @@ def test_pulses_of_a_run_down_show_its_drag(windage: float, per_turn: int, tmp_p
     path.write_text(f"pulse_time_s\n{rows}", encoding="utf-8")
     table = read_table(path, per_turn)
     assert f"{per_turn} a turn, 1 missed, 1 phantom" in table.notes[0]
-    wheel = bench(1.8).model_copy(update={"pulses_per_turn": per_turn})
+    wheel = bench(INERTIA).model_copy(update={"pulses_per_turn": per_turn})
     made = as_measured([("pulses", table.samples)], wheel)
     assert "time steps are uneven" in made.notes[0]
     search = find_discrepancy([("pulses", table.samples)], wheel)
@@ -368,8 +369,8 @@ def test_runs_down_in_one_table_hours_apart_are_recordings_of_their_own(uneven: 
 
 
 def test_what_is_made_even_stays_as_it_is() -> None:
-    time, speed, inertia = turns(WINDAGE)
-    once = as_measured([("turns", samples(time, speed))], bench(inertia))
+    time, speed = turns(WINDAGE)
+    once = as_measured([("turns", samples(time, speed))], bench(INERTIA))
     again = as_measured(once.recordings, once.wheel)
     assert again.wheel == once.wheel
     for name, values in once.recordings[0][1].channels():

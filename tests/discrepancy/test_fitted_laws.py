@@ -5,15 +5,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from rwa_monitor.discrepancy.explanation import prepare
 from rwa_monitor.discrepancy.extended import extend
 from rwa_monitor.discrepancy.fitting import Fitting
-from rwa_monitor.discrepancy.record import make_record
 from rwa_monitor.discrepancy.result import Search
 from rwa_monitor.discrepancy.terms import make_term
 from rwa_monitor.wheel.effects.drag_laws import Stribeck
 from rwa_monitor.wheel.wheel import Wheel
-from tests.discrepancy.simple import NOISE_NM, PERIOD_S, WHEEL, Array, record, search, swing
+from tests.discrepancy.simple import NOISE_NM, PERIOD_S, Array, record, search, swing
+from tests.discrepancy.smooth import problem_of
 
 KNEE_NM = 5e-4
 ROLLING_NM, ROLLING_EXPONENT = 4e-5, 2.0 / 3.0
@@ -69,7 +68,7 @@ def test_a_jump_beside_a_steep_zero_crossing_is_kept_while_the_shape_is_fitted(w
 
     speed = swing(top=120.0)
     jumps = (1500, 4000, int(np.flatnonzero(np.diff(np.sign(speed)))[2]) + 6)
-    problem = prepare([make_record(record(speed, jumps, curve, seed=50215)[0], WHEEL, "swing")], WHEEL)
+    problem = problem_of(record(speed, jumps, curve, seed=50215)[0])
     fitting = Fitting(problem, jumps=True)
     term = make_term(problem, Stribeck, {"stribeck_speed_rad_s": width, "exponent": 1.0}, None)
     model = fitting.refitted((term,), fitting.base(), [np.searchsorted(problem.slot, jumps)])

@@ -6,14 +6,12 @@ import numpy as np
 import pytest
 from scipy.stats import norm
 
-from rwa_monitor.discrepancy.explanation import prepare
 from rwa_monitor.discrepancy.extended import extend
 from rwa_monitor.discrepancy.find import find_discrepancy, with_search_again
 from rwa_monitor.discrepancy.fitting import Fitting, predicts
 from rwa_monitor.discrepancy.likelihood import NoiseLaw, Series
-from rwa_monitor.discrepancy.record import make_record
 from rwa_monitor.discrepancy.result import Search
-from rwa_monitor.discrepancy.score import BLOCKS, HeldOut, held_out, on_other_recordings, regressors, with_law
+from rwa_monitor.discrepancy.score import BLOCKS, held_out, on_other_recordings, regressors, with_law
 from rwa_monitor.discrepancy.terms import make_term
 from rwa_monitor.messages import SearchedAgain as SearchedAgainMessage
 from rwa_monitor.reporting.discrepancy_report import html, sentence
@@ -22,6 +20,7 @@ from rwa_monitor.wheel.effects.base import MeanEffect
 from rwa_monitor.wheel.effects.drag_laws import Stribeck
 from rwa_monitor.wheel.effects.torque_ripple import TorqueRipple
 from tests.discrepancy.simple import NOISE_NM, WHEEL, Array, record, swing
+from tests.discrepancy.smooth import problem_of
 
 STRIBECK_NM, WIDTH_RAD_S = 6e-4, 15.0
 ASYMMETRY = 0.1
@@ -54,15 +53,6 @@ def found(searched: Samples) -> Search:
     return find_discrepancy([("searched", searched)], WHEEL, held_out_recordings=[("aside", aside(1))])
 
 
-def score(found: Search, *recordings: Samples) -> tuple[HeldOut, HeldOut]:
-    """Score the base model and the extended one on other recordings."""
-    other = prepare([make_record(samples, WHEEL, "aside") for samples in recordings], WHEEL)
-    base, extended = (
-        on_other_recordings(found.problem, other, model, jumps=True) for model in (found.base, found.extended)
-    )
-    return base, extended
-
-
 def test_what_is_true_of_one_recording_gains_on_another(found: Search) -> None:
     gain = found.result.gain
     assert gain.held_out == ["aside"]
@@ -73,7 +63,7 @@ def test_what_is_true_of_one_recording_gains_on_another(found: Search) -> None:
 
 def predicted(samples: Samples, effect: type[MeanEffect], *shapes: dict[str, float]) -> list[bool]:
     """Return whether an effect of each shape predicts beside the base model, without jumps."""
-    problem = prepare([make_record(samples, WHEEL, "smooth")], WHEEL)
+    problem = problem_of(samples)
     fitting = Fitting(problem, jumps=False)
     base = fitting.base()
     terms = [make_term(problem, effect, shape, None) for shape in shapes]
@@ -88,12 +78,6 @@ def test_a_term_predicts_where_it_is_true_and_not_where_it_follows_the_noise() -
     assert sum(predicted(nothing, TorqueRipple, *({"harmonic": float(order)} for order in range(1, 21)))) <= 4
 
 
-def test_nothing_is_fitted_there(found: Search) -> None:
-    # In a recording without the effect the extension must lose what it gains with it: a fit would set it to zero.
-    base, extended = score(found, aside(1, hidden=False))
-    assert extended.log_score < base.log_score - 0.01
-
-
 def test_the_search_does_not_look_at_them(searched: Samples, found: Search) -> None:
     alone = find_discrepancy([("searched", searched)], WHEEL)
     assert found.result.effects == alone.result.effects
@@ -101,10 +85,12 @@ def test_the_search_does_not_look_at_them(searched: Samples, found: Search) -> N
 
 
 def test_several_recordings_are_one_score(found: Search) -> None:
-    recordings = [aside(seed) for seed in (1, 2)]
-    _, both = score(found, *recordings)
-    each = [score(found, samples)[1].rmse_Nm ** 2 for samples in recordings]
-    assert both.rmse_Nm**2 == pytest.approx(np.mean(each), rel=0.01)  # blocks begin elsewhere, with levels of their own
+    first, last = aside(1), aside(2)
+    one, other, both = (
+        on_other_recordings(found.problem, problem_of(*those), found.extended, jumps=True).rmse_Nm ** 2
+        for those in ((first,), (last,), (first, last))
+    )
+    assert both == pytest.approx(0.5 * (one + other), rel=0.01)  # blocks begin elsewhere, with levels of their own
 
 
 def test_a_column_that_follows_the_level_follows_that_of_the_other_recording() -> None:
@@ -123,6 +109,7 @@ def test_an_extension_that_does_worse_elsewhere_is_no_gain(searched: Samples, fo
     # The other recording is of a wheel without the effect: the extension adds what is not there.
     worse = find_discrepancy([("searched", searched)], WHEEL, held_out_recordings=[("plain", aside(1, hidden=False))])
     gain = worse.result.gain
+    assert gain.log_score_extended < gain.log_score_base - 0.01  # nothing is fitted there: that would set it to zero
     assert gain.is_a_loss
     assert worse.result.verdict == "inadequate"  # of the searched recording that stays true
     assert sentence(worse.result).startswith("On plain what was found does not hold")
@@ -170,7 +157,7 @@ def test_of_two_recordings_the_last_is_not_searched_again(searched: Samples) -> 
 def test_the_likelihood_of_each_block_is_that_beside_its_own_fit() -> None:
     # Against dense covariances: a fit for each block leaves no seams between them.
     samples, _ = record(swing(600), ())
-    problem = prepare([make_record(samples, WHEEL, "dense")], WHEEL)
+    problem = problem_of(samples)
     law = NoiseLaw(white=0.3, correlation=0.9)
     model = with_law(problem, Fitting(problem, jumps=False).base(), law)
     rows, *_ = regressors(Series.of(problem), ())

@@ -190,10 +190,11 @@ def test_noise_is_found_as_it_was_made(correlation: float, white: float) -> None
     assert error[1] < 0.1
 
 
-def test_a_noise_parameter_that_pays_nothing_is_left_out() -> None:
+@pytest.mark.parametrize("start", [NoiseLaw(), NoiseLaw().separate_levels], ids=["one level", "levels"])
+def test_a_noise_parameter_that_pays_nothing_is_left_out(start: NoiseLaw) -> None:
     record = series(1500, recordings=3)
     record = replace(record, friction=record.base.T @ [40.0, 0.1] + np.random.default_rng(3).normal(size=1500))
-    assert fit_noise(record, record.base, np.zeros(2), FREE, NoiseLaw())[0] == NoiseLaw()
+    assert fit_noise(record, record.base, np.zeros(2), FREE, start)[0] == NoiseLaw()
 
 
 def test_levels_that_differ_between_recordings_are_draws() -> None:
@@ -207,9 +208,3 @@ def test_levels_that_differ_between_recordings_are_draws() -> None:
     one_level, worse = fit_noise(record, record.base, np.zeros(2), FREE, NoiseLaw())
     assert one_level.level_spread == 0.0
     assert worse > score + 20.0
-
-
-def test_levels_that_do_not_differ_are_one() -> None:
-    record = series(1800, recordings=6)
-    record = replace(record, friction=record.base.T @ [40.0, 0.1] + np.random.default_rng(5).normal(size=1800))
-    assert fit_noise(record, record.base, np.zeros(2), FREE, NoiseLaw().separate_levels)[0] == NoiseLaw()

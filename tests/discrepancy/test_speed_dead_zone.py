@@ -8,10 +8,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from rwa_monitor.discrepancy.extended import extend
-from rwa_monitor.discrepancy.find import find_discrepancy
-from rwa_monitor.samples import FloatArray, Samples
+from rwa_monitor.samples import FloatArray
 from rwa_monitor.wheel.effects.tachometer import read_zone
-from rwa_monitor.wheel.wheel import built_in_wheel
+from tests.discrepancy.simple import DRY_NM, VISCOUS, WHEEL, current_of, sampled, search
 
 SLOTS, NOISE, WIDTH = 4_000, 0.01, 1.0  # rad/s
 
@@ -40,28 +39,19 @@ def read(speed: FloatArray, *, held: bool, width: float = WIDTH) -> FloatArray:
     ],
 )
 def test_zone_is_found_and_carried_over(held: bool, derived: bool) -> None:
-    wheel = built_in_wheel()
-    nominal, inertia, constant = wheel.nominal, wheel.inertia_kg_m2, wheel.torque_constant_Nm_A
     speed, rng = passages()[:3_713], np.random.default_rng(9)  # it ends in the zone
-    friction = nominal.dry_torque_Nm * np.sign(speed) + nominal.viscous_Nm_s_rad * speed
-    friction += 2e-5 * rng.standard_normal(speed.size)
-    current = (friction + inertia * np.gradient(speed, wheel.sample_period_s)) / constant
-    time_ns = np.arange(speed.size) * wheel.period_ns
-    reading = read(speed, held=held)
-    samples = (
-        Samples(time_ns, reading, motor_current_A=current)
-        if derived
-        else Samples(time_ns, reading, friction_torque_Nm=friction)
-    )
-    search = find_discrepancy([("record", samples)], wheel)
-    (found,) = [effect for effect in search.result.effects if effect.family == "mean"]
+    friction = DRY_NM * np.sign(speed) + VISCOUS * speed + 2e-5 * rng.standard_normal(speed.size)
+    channel = {"motor_current_A": current_of(friction, speed)} if derived else {"friction": friction}
+    samples = sampled(read(speed, held=held), **channel)
+    searched = search(samples)
+    (found,) = [effect for effect in searched.result.effects if effect.family == "mean"]
     edge = found.parameters["dead_zone_rad_s"]
     assert found.name == "speed_dead_zone"
     assert abs(edge.value - WIDTH) < 4.0 * edge.std + 3.0 * NOISE
-    (block,) = extend(search).wheel.effect
+    (block,) = extend(searched).wheel.effect
     assert block.parameters == {"strength_Nm": 0.0, "dead_zone_rad_s": edge.value}
-    known = wheel.model_copy(update={"effect": (block,)})
-    assert not find_discrepancy([("record", samples)], known).result.effects  # and what is known is no discovery
+    known = WHEEL.model_copy(update={"effect": (block,)})
+    assert not search(samples, known).result.effects  # and what is known is no discovery
 
 
 @given(scale=st.floats(0.01, 100.0), held=st.booleans(), mirrored=st.booleans(), backwards=st.booleans())

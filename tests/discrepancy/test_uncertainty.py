@@ -5,18 +5,16 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from rwa_monitor.discrepancy.explanation import prepare
-from rwa_monitor.discrepancy.find import find_discrepancy
 from rwa_monitor.discrepancy.fitting import Fitting
 from rwa_monitor.discrepancy.found_effects import described, spread
-from rwa_monitor.discrepancy.record import make_record
 from rwa_monitor.discrepancy.result import ParameterValue
-from rwa_monitor.samples import Samples
 from rwa_monitor.simulation.motion import SpeedProfile
 from rwa_monitor.simulation.record import simulate
 from rwa_monitor.simulation.scenario import Scenario
 from rwa_monitor.wheel.effects.catalogue import MEAN_EFFECTS
 from rwa_monitor.wheel.wheel import EffectBlock, Wheel, built_in_wheel
+from tests.discrepancy.simple import sampled, search
+from tests.discrepancy.smooth import problem_of
 
 SEEDS = range(3000, 3020)
 TRUTH = {
@@ -41,7 +39,7 @@ def fitted(name: str, seed: int, wave: float = 0.0, **changes: float) -> dict[st
         phase = 2 * np.pi * (1e-9 * samples.time_ns / WAVE_S + rng.uniform())
         drag = wave * np.sqrt(2.0) * 3.9e-5 * np.sin(phase) * np.sign(samples.speed_rad_s)
         samples = replace(samples, friction_torque_Nm=samples.friction_torque_Nm + drag)
-    problem = prepare([make_record(samples, wheel, "simulated")], wheel)
+    problem = problem_of(samples)
     effect = MEAN_EFFECTS[name]
     fitting = Fitting(problem, jumps=True)
     model = fitting.extensions(fitting.base(), [effect])[0]
@@ -112,13 +110,8 @@ def test_a_part_of_the_viscous_friction_is_no_more_than_the_whole() -> None:
     kelvin = 15.0 * (1.0 - np.exp(-time / 1500.0)) - 5.0
     friction = 1.6e-3 + 5.3e-6 * np.exp(-0.03 * kelvin) * speed
     rng = np.random.default_rng(50060)
-    samples = Samples(
-        time_ns=(1e9 * time).astype(np.int64),
-        speed_rad_s=speed,
-        friction_torque_Nm=friction + 3.9e-5 * rng.normal(size=time.size),
-        bearing_temperature_degC=20.0 + kelvin,
-    )
-    (effect,) = find_discrepancy([("warming", samples)], Wheel(name="w", sample_period_s=0.125)).result.effects
+    samples = sampled(speed, friction + 3.9e-5 * rng.normal(size=time.size), bearing_temperature_degC=20.0 + kelvin)
+    (effect,) = search(samples, Wheel(name="w", sample_period_s=0.125)).result.effects
     strength, activation = effect.parameters.values()
     assert strength.std is None
     assert "more than the whole viscous friction, 5.3" in strength.note
