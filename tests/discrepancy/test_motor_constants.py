@@ -48,11 +48,8 @@ def with_channels(samples: Samples, *names: str) -> Samples:
 def stated(inertia: float = 1.0, torque_constant: float = 1.0) -> Wheel:
     """A wheel file whose constants are off by a factor."""
     wheel = built_in_wheel()
-    constants = {
-        "inertia_kg_m2": inertia * wheel.inertia_kg_m2,
-        "torque_constant_Nm_A": torque_constant * wheel.torque_constant_Nm_A,
-        "back_emf_constant_V_s_rad": None,
-    }
+    inertia, torque_constant = inertia * wheel.inertia_kg_m2, torque_constant * wheel.torque_constant_Nm_A
+    constants = {"inertia_kg_m2": inertia, "torque_constant_Nm_A": torque_constant, "back_emf_constant_V_s_rad": None}
     return wheel.model_copy(update=constants)
 
 

@@ -211,12 +211,6 @@ def read_in_steps(samples: Samples, step: float) -> Samples:
     return replace(samples, friction_torque_Nm=step * np.rint(samples.friction_torque_Nm / step))
 
 
-def with_coarse_current(samples: Samples, speed: Array, step_A: float) -> Samples:
-    """Return samples with a rounded current in place of the friction."""
-    current = step_A * np.rint(current_of(samples.friction_torque_Nm, speed) / step_A)
-    return replace(samples, friction_torque_Nm=None, motor_current_A=current)
-
-
 @pytest.mark.parametrize("step", [1.5, 2.0, 4.0])
 def test_steps_of_friction_make_no_effect_and_no_other_noise(step: float) -> None:
     samples, _ = record(motion(), seed=SEED)
@@ -230,7 +224,8 @@ def test_steps_of_friction_make_no_effect_and_no_other_noise(step: float) -> Non
 def test_steps_of_the_current_are_reported_and_make_no_effect() -> None:
     speed = swing(6_000, period_s=900.0)
     samples, _ = record(speed, seed=SEED + 1)
-    found = search(with_coarse_current(samples, speed, 2.4e-3))
+    current = 2.4e-3 * np.rint(current_of(samples.friction_torque_Nm, speed) / 2.4e-3)
+    found = search(replace(samples, friction_torque_Nm=None, motor_current_A=current))
     assert found.result.verdict == "adequate"
     assert "current is quantised in steps of 2.4 mA" in steps_in_words(found.problem)
 

@@ -62,13 +62,8 @@ def test_no_page_installs_past_the_lock(place: str) -> None:
     ours = [line for line in lines if "install" in line.lower() and "--no-deps" in line]
     assert ours, place
     assert all("--no-deps --no-build-isolation" in line for line in ours), ours
-
-
-def test_the_unit_and_the_pages_install_the_lock_of_the_core() -> None:
-    for place in PLACES[:3]:
-        assert "pip install --require-hashes -r requirements-core.txt" in (ROOT / place).read_text(encoding="utf-8"), (
-            place
-        )
+    if place in PLACES[:3]:  # the unit and the pages
+        assert any("pip install --require-hashes -r requirements-core.txt" in line for line in lines)
 
 
 def test_the_lock_of_a_monitor_is_that_of_the_core_less_what_builds_and_trains() -> None:

@@ -1,7 +1,6 @@
 """Switching effects change simulated jumps as stated; those fitted to sojourns give their parameters back."""
 
 from dataclasses import replace
-from functools import cache
 
 import numpy as np
 import pytest
@@ -11,14 +10,8 @@ from rwa_monitor.wheel.durations import Uniform
 from rwa_monitor.wheel.effects.base import LikelihoodFit
 from rwa_monitor.wheel.effects.catalogue import SWITCHING_EFFECTS
 from rwa_monitor.wheel.effects.jumps import SpeedTriggeredJumps, WrongDurationLaw
-from rwa_monitor.wheel.effects.switching_base import (
-    JumpClock,
-    Jumps,
-    Sojourns,
-    SwitchingEffect,
-    SwitchingEvidence,
-)
-from rwa_monitor.wheel.switching_systems import Realisation, simulate_system
+from rwa_monitor.wheel.effects.switching_base import JumpClock, Jumps, Sojourns, SwitchingEvidence
+from rwa_monitor.wheel.switching_systems import simulate_system
 from rwa_monitor.wheel.wheel import SwitchingSystem, built_in_wheel
 from tests.wheel.effects.records import DRY_NM, rich_motion
 
@@ -30,17 +23,16 @@ CASES: dict[str, dict[str, float]] = {
 }  # those that are fitted to sojourns: the others are columns, or found by the attribution
 
 
-@cache
-def record(name: str | None, seed: int) -> SwitchingEvidence:
-    """Return what an exact detection and attribution would find, with a named effect at its strength or none."""
-    effect = None if name is None else SWITCHING_EFFECTS[name](**CASES[name])
-    rng = np.random.default_rng(seed)
+def record(name: str, seed: int) -> SwitchingEvidence:
+    """Return what an exact detection and attribution would find, with a named effect at its strength."""
+    effect, rng = SWITCHING_EFFECTS[name](**CASES[name]), np.random.default_rng(seed)
     channels = rich_motion(SLOTS, seed=seed)
     systems = {system.name: hurried(system) for system in built_in_wheel().fss}
     index, size = [], []
     sojourns: dict[str, Sojourns] = {}
     for of_system, system in systems.items():
-        found = run(effect, system, channels, rng)
+        clock = effect.clock(channels) or JumpClock(np.arange(SLOTS))
+        found = clock.read(simulate_system(effect.change_system(system), clock.slots, rng))
         index.append(found.jump_index)
         size.append(DRY_NM * found.jump)
         begins = found.jump_index[:-1]
@@ -53,18 +45,6 @@ def record(name: str | None, seed: int) -> SwitchingEvidence:
 def hurried(system: SwitchingSystem) -> SwitchingSystem:
     laws = [Uniform(low=max(1, law.low // HURRY), high=law.high // HURRY) for law in system.durations]
     return system.model_copy(update={"durations": tuple(laws)})
-
-
-def run(
-    effect: SwitchingEffect | None, system: SwitchingSystem, channels: object, rng: np.random.Generator
-) -> Realisation:
-    if effect is None:
-        return simulate_system(system, SLOTS, rng)
-    changed = effect.change_system(system)
-    clock = effect.clock(channels)
-    if clock is None:
-        return simulate_system(changed, SLOTS, rng)
-    return clock.read(simulate_system(changed, clock.slots, rng))
 
 
 def fit(name: str, evidence: SwitchingEvidence) -> LikelihoodFit:
@@ -87,9 +67,8 @@ def test_simulate_then_fit_gives_the_parameters_back(name: str) -> None:
 
 
 def test_without_jumps_no_rate_is_found() -> None:
-    none = Jumps(np.zeros(0, dtype=np.int64), np.zeros(0))
-    bare = replace(record(None, 0), jumps=none, sojourns={})
-    assert SpeedTriggeredJumps.fit(bare).log_likelihood_gain == 0.0
+    channels, none = rich_motion(SLOTS), Jumps(np.zeros(0, dtype=np.int64), np.zeros(0))
+    assert SpeedTriggeredJumps.fit(SwitchingEvidence(channels, channels.good, none)).log_likelihood_gain == 0.0
 
 
 def test_jumps_count_from_the_first_slot_of_the_new_level() -> None:
@@ -126,7 +105,7 @@ def test_in_one_sweep_a_rate_over_the_speed_is_one_over_time() -> None:
     once = np.linspace(80.0, 0.0, SLOTS)
     for speed, found in ((once, False), (np.concatenate([once[::2], once[1::2]]), True)):
         fast = np.flatnonzero(speed > 60.0)[::200].astype(np.int64)
-        channels = replace(record(None, 0).channels, speed_rad_s=speed, bearing_temperature_degC=None)
+        channels = replace(rich_motion(SLOTS), speed_rad_s=speed, bearing_temperature_degC=None)
         evidence = SwitchingEvidence(channels, channels.good, Jumps(fast, np.ones(fast.size)))
         assert (SpeedTriggeredJumps.fit(evidence).log_likelihood_gain > 0.0) == found
 
