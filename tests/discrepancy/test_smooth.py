@@ -3,7 +3,6 @@
 Friction as a law of the speed and noise that remembers, of some 600 samples: see `fitting`.
 """
 
-from collections.abc import Callable
 from dataclasses import replace
 from functools import cache
 from typing import Final
@@ -257,47 +256,27 @@ def strengths_of(law: str, seed: int) -> Named:
     return found
 
 
-def assert_same(one: Named, other: Named, scale: Callable[[str], float] = lambda _: 1.0, share: float = 1.0) -> None:
+def assert_same(one: Named, other: Named, scale: dict[str, float] | None = None, share: float = 1.0) -> None:
     """Ask for the same names, and strengths that differ by less than a share of their errors."""
     assert one.keys() == other.keys()
     for name, (value, std) in one.items():
-        assert abs(other[name][0] / scale(name) - value) < share * std
-
-
-def flipped(samples: Samples) -> Samples:
-    """Return the same in the other direction."""
-    return replace(samples, speed_rad_s=-samples.speed_rad_s, friction_torque_Nm=-samples.friction_torque_Nm)
+        assert abs(other[name][0] / (scale or {}).get(name, 1.0) - value) < share * std
 
 
 @few
-@given(laws, seeds)
-def test_the_mirror_image_gives_the_same(law: str, seed: int) -> None:
-    even = {"viscous_asymmetry": -1.0}
-    assert_same(strengths_of(law, seed), strengths(flipped(hidden(law, seed))), lambda name: even.get(name, 1.0), 0.05)
-
-
-@few
-@given(laws, seeds)
-def test_other_units_give_the_same(law: str, seed: int) -> None:
-    torque, turn = 1000.0, 60.0 / (2.0 * np.pi)
-    samples, nominal = hidden(law, seed), WHEEL.nominal
-    wheel = WHEEL.model_copy(
-        update={
-            "nominal": Nominal(
-                dry_torque_Nm=nominal.dry_torque_Nm * torque,
-                viscous_Nm_s_rad=nominal.viscous_Nm_s_rad * torque / turn,
-                nominal_speed_rad_s=nominal.nominal_speed_rad_s * turn,
-            ),
-            "limits": Limits(),
-        }
+@pytest.mark.parametrize(("torque", "turn"), [(-1.0, -1.0), (1000.0, 30.0 / np.pi)], ids=["mirror image", "units"])
+@given(law=laws, seed=seeds)
+def test_the_mirror_image_and_other_units_give_the_same(torque: float, turn: float, law: str, seed: int) -> None:
+    samples, known = hidden(law, seed), WHEEL.nominal
+    nominal = Nominal(
+        dry_torque_Nm=abs(torque) * known.dry_torque_Nm,
+        viscous_Nm_s_rad=torque / turn * known.viscous_Nm_s_rad,
+        nominal_speed_rad_s=abs(turn) * known.nominal_speed_rad_s,
     )
-    changed = replace(
-        samples, speed_rad_s=samples.speed_rad_s * turn, friction_torque_Nm=samples.friction_torque_Nm * torque
-    )
-    power = {"quadratic_drag": 2, "viscous_asymmetry": 1}
-    assert_same(
-        strengths_of(law, seed), strengths(changed, wheel=wheel), lambda name: torque / turn ** power[name], 0.05
-    )
+    wheel = WHEEL.model_copy(update={"nominal": nominal, "limits": Limits()})
+    changed = strengths(sampled(turn * samples.speed_rad_s, torque * samples.friction_torque_Nm), wheel=wheel)
+    scale = {"quadratic_drag": torque / (turn * abs(turn)), "viscous_asymmetry": torque / abs(turn)}
+    assert_same(strengths_of(law, seed), changed, scale, 0.05)
 
 
 @few
@@ -328,11 +307,7 @@ def test_samples_put_between_give_the_same(law: str, seed: int) -> None:
     def between(values: Array) -> Array:
         return np.interp(at, np.arange(len(samples)), values)
 
-    denser = Samples(
-        time_ns=(at * round(PERIOD_S * 1e9)).astype(np.int64),
-        speed_rad_s=between(samples.speed_rad_s),
-        friction_torque_Nm=between(samples.friction_torque_Nm),
-    )
+    denser = sampled(between(samples.speed_rad_s), between(samples.friction_torque_Nm), 0.5 * PERIOD_S)
     assert_same(strengths_of(law, seed), strengths(denser, wheel=wheel))
 
 

@@ -217,8 +217,3 @@ def test_a_gear_hands_on_its_share_of_the_power(current, speed, constant, ratio,
     motor_W = constant * current * ratio * speed  # the motor turns `ratio` times as fast
     into, out_of = (motor_W, wheel_W) if motor_W > 0 else (-wheel_W, -motor_W)
     assert out_of == pytest.approx(efficiency * into)
-
-
-def test_an_efficiency_without_a_gear_is_refused():
-    with pytest.raises(InputError, match="gear_ratio is missing"):
-        Wheel.from_toml('[wheel]\nname = "w"\nsample_period_s = 0.1\ngear_efficiency = 0.9\n', "w.toml")

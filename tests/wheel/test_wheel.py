@@ -61,6 +61,7 @@ def test_hash_is_that_of_the_meaning():
         ('[wheel]\nname = "w"\nsample_period_s = 1e-9', "w.toml: wheel: "),
         ('[wheel]\nname = "w"\nsample_period_s = "fast"', "w.toml: sample_period_s: "),
         (MINIMAL + "mass_kg = 3", "w.toml: mass_kg: "),
+        (MINIMAL + "gear_efficiency = 0.9", "w.toml: wheel: Value error, gear_efficiency is that of a gear: "),
         (MINIMAL + "[nominals]", "w.toml: nominals: does not belong here"),
         (MINIMAL + "[wheel.window]", "w.toml: window: does not belong here"),
         ("inertia_kg_m2 = 1.0\n" + MINIMAL, "w.toml: inertia_kg_m2: does not belong here"),
@@ -136,8 +137,3 @@ def test_whatever_stands_anywhere_gives_a_wheel_or_one_clear_error(data):
         return
     assert message.startswith("w.toml: ")
     assert "\n" not in message
-
-
-def test_a_file_that_is_too_large_is_refused_unread():
-    with pytest.raises(InputError, match="larger than 1000000 bytes"):
-        Wheel.from_toml("#" * 1_000_001, "w.toml")

@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from rwa_monitor.errors import InputError
-from rwa_monitor.wheel.effects.base import Effect, MeanEffect, NoiseEffect
+from rwa_monitor.wheel.effects.base import Effect, MeanEffect
 from rwa_monitor.wheel.effects.catalogue import CATALOGUE, MEAN_EFFECTS, build, mean_effects, register, to_block
 from rwa_monitor.wheel.effects.formula import FORMULAS
 from rwa_monitor.wheel.wheel import EffectBlock, Wheel, built_in_wheel
@@ -135,9 +135,3 @@ def test_an_effect_from_outside_joins_the_catalogue_once() -> None:
     finally:
         for family in (CATALOGUE, MEAN_EFFECTS):
             family.pop(Outside.name, None)
-
-
-def test_a_noise_effect_without_its_noise_cannot_be_made() -> None:
-    unfinished = type("Unfinished", (NoiseEffect,), {"name": "unfinished"})
-    with pytest.raises(TypeError, match="apply"):
-        unfinished()
