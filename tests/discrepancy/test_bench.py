@@ -183,18 +183,16 @@ def test_short_tables_name_windage(rows: int, ladder: bool) -> None:
 
 
 @pytest.mark.parametrize("windage", [WINDAGE, 0.0])
-@pytest.mark.parametrize("given", [True, False])
-def test_a_row_a_turn_is_read_as_it_is(windage: float, given: bool) -> None:
+def test_friction_given_once_a_turn_is_read_as_it_is(windage: float) -> None:
     time, speed = turns(windage)
     assert np.diff(time).max() > 5 * np.diff(time).min()
     friction = drag(speed, windage)
     friction = friction + 0.01 * friction.mean() * np.random.default_rng(1).normal(size=speed.size)
-    table = samples(time, speed, friction if given else None)
-    wheel = Wheel(name="on", sample_period_s=0.125) if given else bench(INERTIA)
-    search = find_discrepancy([("turns", table)], wheel)
+    table = samples(time, speed, friction)
+    search = find_discrepancy([("turns", table)], Wheel(name="on", sample_period_s=0.125))
     assert names(search) == (["quadratic_drag"] if windage else [])
     assert search.result.unexplained is None
-    assert ("coloured_noise" in dict(search.result.untested)) is not given
+    assert "coloured_noise" not in dict(search.result.untested)
 
 
 def test_uneven_current_is_interpolated_and_it_is_said() -> None:
@@ -345,7 +343,9 @@ def test_pulses_of_a_run_down_show_its_drag(windage: float, per_turn: int, tmp_p
     search = find_discrepancy([("pulses", table.samples)], wheel)
     assert names(search) == (["quadratic_drag"] if windage else [])
     assert search.result.unexplained is None
-    assert dict(search.result.untested)["torque_ripple"] == MEAN_OF_A_TURN
+    untested = dict(search.result.untested)
+    assert untested["torque_ripple"] == MEAN_OF_A_TURN
+    assert "coloured_noise" in untested
     assert search.extended.fit.coefficients[0] == pytest.approx(0.002, rel=0.02)
     if windage:
         assert search.result.effects[0].parameters["strength_Nm_s2_rad2"].value == pytest.approx(WINDAGE, rel=0.01)

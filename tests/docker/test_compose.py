@@ -65,14 +65,10 @@ def test_a_container_may_do_little(name: str) -> None:
     assert PINNED.fullmatch(service["build"]["args"]["BASE"] if name in OURS else service["image"])
 
 
-def test_our_user_is_that_of_the_image() -> None:
-    (user,) = re.findall(r"^USER (\S+)$", (DOCKER / "Dockerfile").read_text(encoding="utf-8"), re.MULTILINE)
-    assert {SERVICES[name]["user"] for name in OURS} == {user}
-
-
-def test_the_image_is_built_on_the_base_that_compose_names() -> None:
-    base = re.search(r"^ARG BASE=(\S+)$", (DOCKER / "Dockerfile").read_text(encoding="utf-8"), re.MULTILINE)
-    assert SERVICES["monitor_1"]["build"]["args"]["BASE"] == f"${{PYTHON_IMAGE:-{base[1]}}}"
+def test_user_and_base_of_the_image_are_those_that_compose_names() -> None:
+    image = dict(re.findall(r"^(USER |ARG BASE=)(\S+)$", (DOCKER / "Dockerfile").read_text("utf-8"), re.MULTILINE))
+    assert {SERVICES[name]["user"] for name in OURS} == {image["USER "]}
+    assert SERVICES["monitor_1"]["build"]["args"]["BASE"] == f"${{PYTHON_IMAGE:-{image['ARG BASE=']}}}"
 
 
 def test_the_command_that_pins_the_images_names_them_as_they_are() -> None:

@@ -21,20 +21,14 @@ from rwa_monitor.simulation.record import simulate
 from rwa_monitor.simulation.scenario import Anomaly, Scenario
 from rwa_monitor.telemetry.table import table_writer
 from rwa_monitor.wheel.wheel import EffectBlock, Limits, Wheel, built_in_wheel
+from tests.discrepancy.simple import sampled
 
 
 def recordings(count: int, seed: int) -> list[tuple[str, Samples]]:
     """Simulate healthy recordings of the built-in wheel, 80,000 slots each."""
-    kinds = ("orbit", "one_direction")
-    return [
-        (
-            f"day_{i}.csv",
-            simulate(
-                Scenario(speed=SpeedProfile(kind=kinds[i % 2])), built_in_wheel(), np.random.default_rng((seed, i))
-            ).samples,
-        )
-        for i in range(count)
-    ]
+    scenarios = [Scenario(speed=SpeedProfile(kind=("orbit", "one_direction")[i % 2])) for i in range(count)]
+    made = [simulate(one, built_in_wheel(), np.random.default_rng((seed, i))) for i, one in enumerate(scenarios)]
+    return [(f"day_{i}.csv", one.samples) for i, one in enumerate(made)]
 
 
 @pytest.fixture(scope="module")
@@ -149,8 +143,7 @@ def in_levels(segments: list[tuple[int, float]], seed: int) -> Samples:
     level = np.concatenate([np.full(slots, 1e-3 * value) for slots, value in segments])
     at_s = np.arange(level.size) * period_s
     speed = 200.0 + 50.0 * np.sin(at_s / 400.0)
-    friction = level + 5.3e-6 * speed + rng.normal(0.0, 4e-5, level.size)
-    return Samples((at_s * 1e9).astype(np.int64), speed, friction)
+    return sampled(speed, level + 5.3e-6 * speed + rng.normal(0.0, 4e-5, level.size))
 
 
 def test_a_configuration_seen_thrice_borrows_its_law_from_those_like_it() -> None:
@@ -206,7 +199,7 @@ def test_no_wheel_is_written_that_calls_its_own_recordings_anomalous(
         rng = np.random.default_rng(seed)
         speed = 150.0 + 100.0 * np.sin(2 * np.pi * np.arange(20_000) / 4800.0)
         friction = times[0] * 1.6e-3 + times[1] * 5.3e-6 * speed + 3.9e-5 * rng.normal(size=speed.size)
-        table_writer(path)(Samples(125_000_000 * np.arange(speed.size), speed, friction), path)
+        table_writer(path)(sampled(speed, friction), path)
     output = tmp_path / "wheel.toml"
     result = CliRunner().invoke(main, ["identify", *map(str, tables), "--no-systems", "-o", str(output)])
     assert result.exit_code == 2
@@ -224,12 +217,8 @@ def in_motion(**changes: float) -> tuple[list[tuple[str, Samples]], Wheel]:
     torque = changes.get("friction", 1.0) * friction + changes.get("inertia", 1.0) * wheel.inertia_kg_m2 * np.gradient(
         speed, 0.125
     )
-    samples = Samples(
-        time_ns=(time * 1e9).astype(np.int64),
-        speed_rad_s=changes.get("speed", 1.0) * speed,
-        motor_current_A=changes.get("current", 1.0) * torque / wheel.torque_constant_Nm_A,
-    )
-    return [("x.csv", samples)], wheel
+    current = changes.get("current", 1.0) * torque / wheel.torque_constant_Nm_A
+    return [("x.csv", sampled(changes.get("speed", 1.0) * speed, motor_current_A=current))], wheel
 
 
 @pytest.mark.parametrize(
@@ -264,20 +253,15 @@ def test_a_slope_in_another_unit_is_asked_about_where_a_nominal_one_is_known() -
     friction = 1.6e-3 + 5.3e-6 * samples.speed_rad_s
     friction += 3.9e-5 * np.random.default_rng(50022).normal(size=friction.size)
     for factor, asked in ((1.0, False), (30.0 / np.pi, True)):
-        given = Samples(samples.time_ns, factor * samples.speed_rad_s, friction_torque_Nm=friction)
-        notes = identify([(name, given)], known, systems=False).notes
+        notes = identify([(name, sampled(factor * samples.speed_rad_s, friction))], known, systems=False).notes
         assert any("is speed_rad_s in rpm?" in note for note in notes) is asked
 
 
 @pytest.mark.parametrize("seed", range(50021, 50025))  # the slope that noise makes has either sign
 def test_at_one_speed_only_the_sum_is_reported(seed: int) -> None:
-    recordings, wheel = in_motion()
+    _, wheel = in_motion()
     rng = np.random.default_rng(seed)
-    still = Samples(
-        time_ns=recordings[0][1].time_ns,
-        speed_rad_s=300.0 + 0.01 * rng.normal(size=8000),
-        friction_torque_Nm=3.2e-3 + 3.9e-5 * rng.normal(size=8000),
-    )
+    still = sampled(300.0 + 0.01 * rng.normal(size=8000), 3.2e-3 + 3.9e-5 * rng.normal(size=8000))
     with pytest.raises(InputError, match=r"hardly leaves 300 rad/s: there friction is 0\.0032\d* N m"):
         identify([("still.csv", still)], wheel, systems=False)
 

@@ -33,21 +33,6 @@ SYSTEMS = {
 systems = pytest.mark.parametrize("fss", SYSTEMS.values(), ids=SYSTEMS.keys())
 
 
-@systems
-def test_jumping_chain_law_is_the_eigenvector(fss):
-    count = fss.configurations
-    step = np.zeros((count, count))
-    for q in range(count):
-        up = fss.probability_up(q)
-        if up > 0:
-            step[q, q + 1] = up
-        if up < 1:
-            step[q, q - 1] = 1 - up
-    law = jumping_chain_law(fss)
-    assert law @ step == pytest.approx(law)
-    assert law.sum() == pytest.approx(1.0)
-
-
 def test_chain_that_never_returns_forgets_its_start():
     fss = system((Geometric(mean=5),) * 3, up=(1.0, 1.0, 0.0))
     assert jumping_chain_law(fss) == pytest.approx([0.0, 0.5, 0.5])
