@@ -152,14 +152,6 @@ def test_an_offset_between_two_recordings_of_opposite_direction(seed: int) -> No
     assert abs(value.value - truth) < min(3.0 * value.std, 0.1 * truth)
 
 
-def test_a_knee_in_slow_crossings_without_jumps() -> None:
-    speed = 40.0 * np.sin(2 * np.pi * 3.0 * np.arange(900) / 900 + 0.3)
-    knee = 5e-4 * np.sign(speed) * np.exp(-((speed / 5.0) ** 2))
-    found = answer(smooth_record(speed, knee, 0.5, seed=1))
-    assert_strength(found, "stribeck", "strength_Nm", 5e-4)
-    assert_strength(found, "stribeck", "stribeck_speed_rad_s", 5.0)
-
-
 @pytest.mark.parametrize("seed", [1, 2])
 def test_a_knee_in_a_short_table_is_no_level_that_wanders(seed: int) -> None:
     speed = np.linspace(0.5, 60.0, 80)

@@ -13,7 +13,6 @@ from tests.wheel.effects.records import rich_motion
 
 SIGMA_NM = 3.9e-5
 SLOTS = 20_000
-BURST_NOISE_NM = 6e-5
 ALL = sorted(NOISE_EFFECTS.values(), key=lambda effect: effect.name)
 every_noise_effect = pytest.mark.parametrize("effect", ALL, ids=lambda effect: effect.name)
 
@@ -24,12 +23,12 @@ CASES: dict[str, dict[str, float]] = {
     "speed_dependent_noise": {"strength_s_rad": 0.02},
     "tachometer_quantisation": {"step_rad_s": 2e-3},
     "cage_instability": {
-        "strength_Nm": 2.0 * BURST_NOISE_NM,
-        "noise_strength": 1.5,
+        "strength_Nm": 6e-5,
+        "noise_strength": 1.0,
         "band_speed_rad_s": 60.0,
-        "band_half_width_rad_s": 12.0,
-        "burst_s": 15.0,
-        "quiet_s": 15.0,
+        "band_half_width_rad_s": 10.0,
+        "burst_s": 30.0,
+        "quiet_s": 30.0,
     },
 }
 
@@ -127,7 +126,9 @@ def test_a_fine_grid_over_a_wide_range_is_found_from_readings_of_few_digits() ->
 # ---- bursts of a cage ------------------------------------------------------------------------------------------------
 
 
-CAGE = CageInstability(**CASES["cage_instability"])
+BURST_NOISE_NM = 6e-5
+STRONGER = {"strength_Nm": 2.0 * BURST_NOISE_NM, "noise_strength": 1.5, "band_half_width_rad_s": 12.0}
+CAGE = CageInstability(**{**CASES["cage_instability"], **STRONGER, "burst_s": 15.0, "quiet_s": 15.0})
 
 
 def noise_of(channels: Channels, rng: np.random.Generator, kind: str) -> np.ndarray:
