@@ -85,25 +85,23 @@ def test_answers_and_feed_follow_the_document(session: zenoh.Session, tmp_path: 
             assert status == 200, asked
             assert content or path.endswith(("/trend", "/samples")), asked
             check(document, answer_schema(document, path), content)
-        path = "/api/alarms/{alarm}/acknowledge"
-        status, content = ask(running.address, "api/alarms/1/acknowledge", headers=RIGHT, body=b'{"name":"Ann"}')
-        assert status == 200
-        check(document, answer_schema(document, path, "post"), content)
-        shelve, asked = "/api/alarms/{alarm}/shelve", b'{"name":"Ann","seconds":60}'
-        status, content = ask(running.address, "api/alarms/1/shelve", headers=RIGHT, body=asked)
-        assert status == 200
-        check(document, answer_schema(document, shelve, "post"), content)
-        assert ask(running.address, "api/alarms/1/shelve", body=asked)[0] == 401
+        acknowledge, shelve = (f"/api/alarms/{{alarm}}/{what}" for what in ("acknowledge", "shelve"))
+        posts = {
+            acknowledge: ("api/alarms/1/acknowledge", b'{"name":"Ann"}'),
+            shelve: ("api/alarms/1/shelve", b'{"name":"Ann","seconds":60}'),
+            f"{wheel}/retirement": (retirement, b'{"name":"Ben","retire":false}'),
+        }
+        assert {path for path, methods in document["paths"].items() if "post" in methods} == set(posts)
+        for path, (asked, body) in posts.items():
+            status, content = ask(running.address, asked, headers=RIGHT, body=body)
+            assert status == 200, asked
+            check(document, answer_schema(document, path, "post"), content)
+            status, content = ask(running.address, asked, body=body)
+            assert status == 401, asked
+            check(document, answer_schema(document, path, "post", "401"), json.loads(content))
         for wrong in ("", ',"seconds":1e9', ',"seconds":-1', ',"seconds":NaN'):
-            asked = f'{{"name":"Ann"{wrong}}}'.encode()
-            assert ask(running.address, "api/alarms/1/shelve", headers=RIGHT, body=asked)[0] == 422, wrong
-        posts = {path for path, methods in document["paths"].items() if "post" in methods}
-        assert posts == {path, shelve, f"{wheel}/retirement"}
-        status, content = ask(running.address, retirement, headers=RIGHT, body=b'{"name":"Ben","retire":false}')
-        assert status == 200
-        check(document, answer_schema(document, f"{wheel}/retirement", "post"), content)
-        status, content = ask(running.address, "api/alarms/1/acknowledge", body=b'{"name":"Ann"}')
-        check(document, answer_schema(document, path, "post", "401"), json.loads(content))
+            body = f'{{"name":"Ann"{wrong}}}'.encode()
+            assert ask(running.address, "api/alarms/1/shelve", headers=RIGHT, body=body)[0] == 422, wrong
 
 
 def test_a_wrong_limit_is_refused(session: zenoh.Session) -> None:
