@@ -58,13 +58,8 @@ def levels(rng: np.random.Generator, factors: Sequence[float] = (1.0, 1.0)) -> t
     return level, sorted(jump for jump in jumps if jump)
 
 
-def telemetry(
-    seed: int, hidden: Callable[[float], float] | None = None, late: int = 0, viscous: FloatArray | None = None
-) -> tuple[Samples, list[int]]:
-    """Return speed and current of a wheel whose drag has something hidden in it, and where its dry friction jumps.
-
-    The current is read `late` slots; `viscous` is the coefficient, of its nominal value, at each slot.
-    """
+def telemetry(seed: int, hidden: Callable[[float], float] | None = None) -> tuple[Samples, list[int]]:
+    """Return speed and current of a wheel whose drag has something hidden in it, and where its dry friction jumps."""
     rng = np.random.default_rng(seed)
     level, jumps = levels(rng)
     changes = np.sort(rng.uniform(0, SLOTS * PERIOD_S, 14))
@@ -75,26 +70,20 @@ def telemetry(
         time_s = k * PERIOD_S
         goal = targets[np.searchsorted(changes, time_s)] + 18.0 * math.sin(2 * math.pi * time_s / 900.0)
         acceleration = max(-1.5, min(1.5, (goal - omega) / 30.0))  # at once: the torque steps by 17.6 mN m
-        slope = VISCOUS if viscous is None else VISCOUS * viscous[k]
-        friction = DRY * level[k] * math.copysign(1.0, omega) + slope * omega
+        friction = DRY * level[k] * math.copysign(1.0, omega) + VISCOUS * omega
         friction += hidden(omega) if hidden else 0.0
         speed[k], motor[k] = omega, INERTIA * acceleration + friction
         omega += acceleration * PERIOD_S
     samples = Samples(
         time_ns=np.arange(SLOTS, dtype=np.int64) * int(PERIOD_S * 1e9),
         speed_rad_s=speed + rng.normal(0.0, SPEED_STD, SLOTS),
-        motor_current_A=np.append(np.full(late, motor[0]), motor[: SLOTS - late]) / TORQUE_CONSTANT
-        + rng.normal(0.0, CURRENT_STD, SLOTS),
+        motor_current_A=motor / TORQUE_CONSTANT + rng.normal(0.0, CURRENT_STD, SLOTS),
     )
     return samples, jumps
 
 
 def stribeck(omega: float) -> float:
     return 0.5 * DRY * math.exp(-abs(omega) / 10.0) * math.copysign(1.0, omega)
-
-
-def windage(omega: float) -> float:
-    return 5e-9 * omega * abs(omega)
 
 
 @pytest.mark.parametrize("seed", [1, 2, 3])
@@ -110,7 +99,7 @@ def test_a_healthy_wheel_that_slews_by_steps_of_torque_is_nominal(seed: int) -> 
     assert sum(min(abs(index - jump) for index in found) <= 4 for jump in jumps) >= len(jumps) - 1
 
 
-@pytest.mark.parametrize(("hidden", "name"), [(None, None), (stribeck, "stribeck"), (windage, "quadratic_drag")])
+@pytest.mark.parametrize(("hidden", "name"), [(None, None), (stribeck, "stribeck")])
 def test_what_is_hidden_in_such_telemetry_is_named_and_nothing_else(
     hidden: Callable[[float], float] | None, name: str | None
 ) -> None:
@@ -118,28 +107,6 @@ def test_what_is_hidden_in_such_telemetry_is_named_and_nothing_else(
     found = find_discrepancy(samples, WHEEL).result
     assert [effect.name for effect in found.effects] == ([] if name is None else [name])
     assert found.verdict == ("adequate" if name is None else "inadequate")
-
-
-def test_a_current_that_is_read_late_is_named_where_the_torque_steps() -> None:
-    """A second late: the torque's steps part from those of dω/dt by eight slots, which are the derivative's window."""
-    samples, _ = telemetry(4, late=8)
-    found = find_discrepancy(samples, WHEEL).result
-    (effect,) = found.effects
-    assert effect.name == "current_delay"
-    strength = effect.parameters["strength_s"]
-    assert abs(strength.value + 8 * PERIOD_S) < 3 * strength.std
-    assert found.gain.changepoints_extended < found.gain.changepoints_base
-
-
-@pytest.mark.slow
-def test_jumps_of_the_viscous_coefficient_by_itself_are_named() -> None:
-    """The coefficient jumps where the dry friction stays, up and down again; nothing else is hidden."""
-    viscous = np.ones(SLOTS)
-    for begin, end, share in ((3_100, 6_900, 1.2), (9_300, 12_700, 0.85), (15_200, 18_100, 1.25)):
-        viscous[begin:end] = share
-    samples, _ = telemetry(50_003, viscous=viscous)
-    found = find_discrepancy(samples, WHEEL).result
-    assert [effect.name for effect in found.effects] == ["viscous_jump"]
 
 
 @pytest.mark.parametrize("speed_std", [1e-3, 1e-2])
