@@ -47,13 +47,13 @@ def counted(count: int, what: str) -> str:
     return f"{count} {what}{'' if count == 1 else 's'}"
 
 
-def first_few(names: Sequence[str], most: int = FEW) -> str:
-    """Return a list of names in one line, with the number of those beyond the first `most`.
+def first_few(names: Sequence[str]) -> str:
+    """Return a list of names in one line, with the number of those beyond the first `FEW`.
 
     Examples
     --------
-    >>> first_few(["rw1", "rw2", "rw3"], 2), first_few(["rw1", "rw2"], 2)
-    ('rw1, rw2 and 1 more', 'rw1, rw2')
+    >>> first_few(["rw1", "rw2"]), first_few([f"rw{n}" for n in range(10)])
+    ('rw1, rw2', 'rw0, rw1, rw2, rw3, rw4, rw5, rw6, rw7 and 2 more')
     """
-    more = f" and {len(names) - most} more" if len(names) > most else ""
-    return f"{', '.join(names[:most])}{more}"
+    more = f" and {len(names) - FEW} more" if len(names) > FEW else ""
+    return f"{', '.join(names[:FEW])}{more}"

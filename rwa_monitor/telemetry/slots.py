@@ -84,8 +84,6 @@ class RingBuffer:
 
     def clear(self, begin: int = 0) -> None:
         """Drop all slots and begin again at slot `begin`."""
-        if self.end > self._first:
-            self._filled[:] = 0
         self.end = self._first = begin
 
     def extend(self, end: int, slots: IntArray, values: Mapping[str, FloatArray]) -> None:
