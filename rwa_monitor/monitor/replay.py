@@ -12,7 +12,7 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from threading import Event
-from typing import Any, Final, NamedTuple
+from typing import Any, Final
 
 import zenoh
 from mcap.records import Attachment
@@ -283,25 +283,7 @@ HASHES_OF_WHAT_IS_COMPARED: Final = {
     "sha256": "the state beside it in rwa.Carried is compared",
 }
 ABSENT: Final = object()  # placeholder for a field that one of two messages lacks
-MAX_DIFFERENCES: Final = 10_000  # kept; further ones are dropped
-
-
-class Difference(NamedTuple):
-    """One field that differs: which message, where in it, and both values."""
-
-    message: str
-    path: str
-    recorded: str
-    replayed: str
-
-    def __str__(self) -> str:
-        """Return one line."""
-        return f"{self.message}: {self.path}: recorded {self.recorded}, replayed {self.replayed}"
-
-    @property
-    def field(self) -> str:
-        """The path without positions in lists, to count differences of the same field together."""
-        return ".".join(part for part in self.path.split(".") if not part.isdigit())
+MAX_DIFFERENCES: Final = 10_000  # listed; further ones are only counted
 
 
 def differences(left: Any, right: Any, path: str = "") -> Iterator[tuple[str, Any, Any]]:
@@ -351,10 +333,10 @@ class Report:
         Recordings read, in chain order.
     compared
         Messages compared, by type name ("rwa.Diagnosis", "rwa.Changepoints").
-    broken
-        Links of the chain that are broken, a line each.
-    found
-        Differences beyond the tolerance.
+    differences
+        Differences beyond the tolerance, and links of the chain that are broken, a line each.
+    fields
+        Their number by field, without positions in lists; that of broken links as "chain".
     bytes_equal
         Whether every compared message has equal bytes.
     unreadable
@@ -367,37 +349,34 @@ class Report:
 
     files: list[Path] = field(default_factory=list)
     compared: Counter[str] = field(default_factory=Counter)
-    broken: list[str] = field(default_factory=list)
-    found: list[Difference] = field(default_factory=list)
+    differences: list[str] = field(default_factory=list)
+    fields: Counter[str] = field(default_factory=Counter)
     bytes_equal: bool = True
     unreadable: list[str] = field(default_factory=list)
     notes: list[str] = field(default_factory=list)
     messages: list[tuple[str, bytes]] = field(default_factory=list)
+    _lost_tail: list[EncodedMessage] = field(default_factory=list)  # outputs lost with the end of the previous file
 
-    @property
-    def differences(self) -> list[str]:
-        """One line per difference beyond the tolerance; empty when all agree."""
-        return [*self.broken, *map(str, self.found)]
-
-    @property
-    def fields(self) -> Counter[str]:
-        """Differences counted by field."""
-        return Counter(difference.field for difference in self.found) + Counter(chain=len(self.broken))
-
-    def add(self, difference: Difference) -> None:
-        """Keep a difference."""
+    def _add(self, name: str, line: str) -> None:
+        """Count a difference by its field, and keep its line."""
         self.bytes_equal = False
-        if len(self.found) < MAX_DIFFERENCES:
-            self.found.append(difference)
+        self.fields[name] += 1
+        if len(self.differences) < MAX_DIFFERENCES:
+            self.differences.append(line)
+
+    def _differ(self, message: str, path: str, recorded: str, replayed: str) -> None:
+        """Add one field that differs: which message, where in it, and both values."""
+        name = ".".join(part for part in path.split(".") if not part.isdigit())
+        self._add(name, f"{message}: {path}: recorded {recorded}, replayed {replayed}")
 
     def compare(self, recorded: Sequence[EncodedMessage], replayed: Sequence[EncodedMessage]) -> None:
         """Compare recorded with replayed messages, in order."""
         if len(recorded) != len(replayed):
-            self.add(Difference("all messages", "length", str(len(recorded)), str(len(replayed))))
+            self._differ("all messages", "length", str(len(recorded)), str(len(replayed)))
         for position, (old, new) in enumerate(zip(recorded, replayed, strict=False)):
             name = f"{old.topic} ({position})"
             if (old.topic, old.schema) != (new.topic, new.schema):
-                self.add(Difference(name, "type", f"{old.schema} on {old.topic}", f"{new.schema} on {new.topic}"))
+                self._differ(name, "type", f"{old.schema} on {old.topic}", f"{new.schema} on {new.topic}")
                 break  # the messages that follow do not correspond
             self.compared[old.schema] += 1
             if old.payload == new.payload:
@@ -405,7 +384,7 @@ class Report:
             self.bytes_equal = False
             for path, left, right in differences(_parse(old.payload), _parse(new.payload)):
                 if path not in HASHES_OF_WHAT_IS_COMPARED:
-                    self.add(Difference(name, path, _short(left), _short(right)))
+                    self._differ(name, path, _short(left), _short(right))
 
     @property
     def equal(self) -> bool:
@@ -427,45 +406,15 @@ class Report:
         if not self.compared:
             result = "nothing could be compared"
         elif self.differences:
-            result = counted(len(self.differences), "difference")
+            result = counted(self.fields.total(), "difference")
         else:
             result = "equal, byte for byte" if self.bytes_equal else "equal to 1e-9 relative, bytes differ"
         return f"{files}: {what} compared: {result}"
 
-
-def replay(recordings: Path | Sequence[Path], on_progress: OnProgress = lambda *_: None) -> Report:
-    """Rerun the core on recordings (a file, a folder as a chain, or several files), and compare the outputs.
-
-    Exit codes on the command line: with --verify 1 unless `report.equal`; with --exact also unless
-    `report.bytes_equal`; 3 where `report.unreadable` is not empty and the rest agrees.
-
-    Parameters
-    ----------
-    recordings
-        A file, a folder whose recordings form a chain, or several files in order.
-    on_progress
-        As for `run_recording`.
-
-    Raises
-    ------
-    InputError
-        If a path is no recording, or its attachments cannot be used.
-    """
-    chain = _Chain()
-    for path in recordings_of(recordings):
-        chain.run(path, on_progress)
-    chain.bytes_equal &= not chain.broken
-    return chain
-
-
-@dataclass(slots=True)
-class _Chain(Report):
-    """Runs recordings one after the other, and collects the results."""
-
-    lost_tail: list[EncodedMessage] = field(default_factory=list)  # outputs lost with the end of the previous file
+    # ---- recordings of a chain ------------------------------------------------------------------------------------
 
     def run(self, path: Path, on_progress: OnProgress) -> None:
-        """Run one recording and compare."""
+        """Run the next recording of the chain and compare."""
         done = run_recording(path, Event(), on_progress)
         recording = done.recording
         settings, setup = recording.settings(), Setup.of(recording)
@@ -478,15 +427,15 @@ class _Chain(Report):
         if settings.get("checkpoints") == "some":  # it was begun while the previous file was being written
             self._note(recording, "holds the wheels that had come over from the file before it when the monitor ended")
         elif self.files and inherited:
-            self.compare(inherited, self.lost_tail)
-            self.lost_tail = []
-        elif self.lost_tail:
-            self._note(recording, f"begins after {len(self.lost_tail)} outputs that were lost with the file before it")
-            self.lost_tail = []
+            self.compare(inherited, self._lost_tail)
+            self._lost_tail = []
+        elif self._lost_tail:
+            self._note(recording, f"begins after {len(self._lost_tail)} outputs that were lost with the file before it")
+            self._lost_tail = []
         if not recording.finished:
             self._note(recording, "was not closed in order")
             replayed, lost = replayed[: len(own)], replayed[len(own) :]
-            self.lost_tail += lost
+            self._lost_tail += lost
         self.compare(own, replayed)
 
         self._search_again(recording, setup)
@@ -520,14 +469,38 @@ class _Chain(Report):
         if not self.files:
             self._note(recording, f"goes on from {name}, which is not replayed")
         elif (before := self.files[-1]).name != name:
-            self.broken.append(f"{recording.path}: goes on from {name}, but {before.name} comes before it")
+            self._add("chain", f"{recording.path}: goes on from {name}, but {before.name} comes before it")
         elif sha256 is None:
             self._note(recording, f"was begun while {name} was written, and does not hold its hash")
         elif sha256 != file_sha256(before):
-            self.broken.append(f"{before}: is not the file that {recording.path.name} goes on from")
+            self._add("chain", f"{before}: is not the file that {recording.path.name} goes on from")
 
     def _note(self, recording: Recording, text: str) -> None:
         self.notes.append(f"{recording.path}: {text}")
+
+
+def replay(recordings: Path | Sequence[Path], on_progress: OnProgress = lambda *_: None) -> Report:
+    """Rerun the core on recordings (a file, a folder as a chain, or several files), and compare the outputs.
+
+    Exit codes on the command line: with --verify 1 unless `report.equal`; with --exact also unless
+    `report.bytes_equal`; 3 where `report.unreadable` is not empty and the rest agrees.
+
+    Parameters
+    ----------
+    recordings
+        A file, a folder whose recordings form a chain, or several files in order.
+    on_progress
+        As for `run_recording`.
+
+    Raises
+    ------
+    InputError
+        If a path is no recording, or its attachments cannot be used.
+    """
+    report = Report()
+    for path in recordings_of(recordings):
+        report.run(path, on_progress)
+    return report
 
 
 # ---- onto the bus ----------------------------------------------------------------------------------------------------

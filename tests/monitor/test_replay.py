@@ -188,17 +188,17 @@ def test_whole_numbers_are_exact() -> None:
 def test_length_order_and_type_are_compared_before_content() -> None:
     one = EncodedMessage("rwa/a/b/diagnosis", "rwa.Diagnosis", b"{}")
     two = EncodedMessage("rwa/a/b/changepoints", "rwa.Changepoints", b"{}")
-    assert compare([one, two], [one, two]).found == []
-    assert [difference.path for difference in compare([one, two], [one]).found] == ["length"]
+    assert compare([one, two], [one, two]).differences == []
+    assert compare([one, two], [one]).fields == {"length": 1}
     swapped = compare([one, two], [two, one])
-    assert [difference.path for difference in swapped.found] == ["type"]
+    assert swapped.fields == {"type": 1}
     assert sum(swapped.compared.values()) == 0
 
 
 def test_equal_content_in_other_bytes_is_equal_but_not_in_bytes() -> None:
     left, right = EncodedMessage("k", "s", b'{"a":1.0}'), EncodedMessage("k", "s", b'{"a": 1.00}')
     result = compare([left], [right])
-    assert result.found == []
+    assert result.differences == []
     assert not result.bytes_equal
     assert compare([left], [left]).bytes_equal
 
@@ -206,7 +206,7 @@ def test_equal_content_in_other_bytes_is_equal_but_not_in_bytes() -> None:
 def test_a_hash_of_floats_may_differ_where_the_floats_agree() -> None:
     left = EncodedMessage("k", "s", b'{"provenance":{"prior_sha256":"a","wheel_sha256":"w"},"value":1.0}')
     right = EncodedMessage("k", "s", b'{"provenance":{"prior_sha256":"b","wheel_sha256":"w"},"value":1.0000000000001}')
-    assert compare([left], [right]).found == []
+    assert compare([left], [right]).differences == []
     assert not compare([left], [right]).bytes_equal
     other = EncodedMessage("k", "s", right.payload.replace(b'"w"', b'"v"'))
-    assert [difference.path for difference in compare([left], [other]).found] == ["provenance.wheel_sha256"]
+    assert compare([left], [other]).fields == {"provenance.wheel_sha256": 1}
