@@ -48,7 +48,7 @@ def demo(duration: float, no_browser: bool, port: int | None, seed: int, record:
     too. The page ends with it; rwa-monitor dashboard shows it again.
     """
     from rwa_monitor.diagnosis.model import built_in_model
-    from rwa_monitor.monitor.bus import SamplesPublisher, open_session, send
+    from rwa_monitor.monitor.bus import open_session, send
     from rwa_monitor.monitor.service import RunOptions, run
     from rwa_monitor.monitor.setup import Setup
     from rwa_monitor.simulation.demo_satellite import simulate_satellite
@@ -73,8 +73,7 @@ def demo(duration: float, no_browser: bool, port: int | None, seed: int, record:
         view = DemoView(session, satellite, spacecraft)
         ended = Event()
         monitor = workers.submit(run, options, ended, session=session, log=cli.log)
-        publishers = {key: SamplesPublisher(session, key) for key in satellite.telemetry}
-        sender = workers.submit(send, satellite.telemetry, publishers, speed=satellite.speed, stop=ended)
+        sender = workers.submit(send, session, satellite.telemetry, speed=satellite.speed, stop=ended)
         monitor.add_done_callback(lambda _: stop.set())
         sender.add_done_callback(lambda worker: stop.set() if worker.exception() else None)
         try:

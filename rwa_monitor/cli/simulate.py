@@ -104,7 +104,7 @@ def publish(
     Ends when the scenario does, or on SIGINT or SIGTERM. The same scenario, wheel and seed give the samples of
     `simulate recording`; with --count the second wheel has the next seed, and so on.
     """
-    from rwa_monitor.monitor.bus import BusWatch, SamplesPublisher, open_session, send
+    from rwa_monitor.monitor.bus import BusWatch, open_session, send
 
     cli.warn_if_alone(bus)
     if count > 1 and "{n}" not in key:
@@ -114,8 +114,7 @@ def publish(
         key: _simulate(scenario, wheel, seed + number, "published").telemetry.samples for number, key in enumerate(keys)
     }
     with cli.stop_on_signals() as stop, open_session(bus) as session:
-        publishers = {key: SamplesPublisher(session, key) for key in keys}
-        sent = send(telemetry, publishers, speed=speed, batch_samples=batch, stop=stop)
+        sent = send(session, telemetry, speed=speed, batch_samples=batch, stop=stop)
         trouble = BusWatch(session, bus).trouble()
     if trouble:
         cli.log(f"{trouble.removesuffix(' Trying again.')} Nobody can have received the last samples.")

@@ -450,22 +450,22 @@ class SamplesPublisher:
 
 
 def send(
+    session: zenoh.Session,
     telemetry: Mapping[str, Samples],
-    sinks: Mapping[str, SamplesPublisher],
     *,
     speed: float = 1.0,
     batch_samples: int = 256,
     linger_s: float = LINGER_S,
     stop: Event,
 ) -> int:
-    """Send samples of one or more wheels paced by their own timestamps, then close the sinks.
+    """Publish samples of one or more wheels paced by their own timestamps.
 
     Parameters
     ----------
+    session
+        An open Zenoh session.
     telemetry
         Samples by bus key ("rwa/<spacecraft>/<wheel>/samples").
-    sinks
-        Where the samples of each wheel go, such as its `SamplesPublisher`.
     speed
         Times faster than real time; `math.inf` for as fast as the bus takes it.
     batch_samples
@@ -480,16 +480,16 @@ def send(
     int
         Samples sent.
     """
-    sent = 0
+    sent, publishers = 0, {key: SamplesPublisher(session, key) for key in telemetry}
     first_ns = min((int(samples.time_ns[0]) for samples in telemetry.values() if len(samples)), default=0)
     try:
         for key, batch in paced(_batches(telemetry, batch_samples), speed, stop, first_ns):
-            sinks[key].put(batch)
+            publishers[key].put(batch)
             sent += len(batch)
         stop.wait(linger_s)
     finally:
-        for sink in sinks.values():
-            sink.close()
+        for publisher in publishers.values():
+            publisher.close()
     return sent
 
 

@@ -103,9 +103,11 @@ class Listener:
 
 
 @contextmanager
-def process(*arguments: str | Path) -> Iterator[subprocess.Popen[str]]:
+def process(*arguments: str | Path, until: str = "") -> Iterator[subprocess.Popen[str]]:
+    """Run the program in a process of its own, once it has logged some words where these are given, and end it."""
     with subprocess.Popen(command(*arguments), stderr=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as child:
         try:
+            assert not until or any(until in line for line in child.stderr), "it ended"
             yield child
         finally:
             if child.poll() is None:
@@ -133,13 +135,6 @@ def script(text: str, argument: str) -> Iterator[subprocess.Popen[str]]:
             yield child
         finally:
             child.communicate("")
-
-
-def wait_until_it_monitors(child: subprocess.Popen[str]) -> None:
-    for line in child.stderr:
-        if "monitoring" in line:
-            return
-    raise AssertionError("the monitor ended")
 
 
 def told_before(words: str, *arguments: str | Path) -> list[str]:

@@ -15,7 +15,7 @@ import zenoh
 from benchmarks.references import reference_wheel
 from rwa_monitor.diagnosis.model import Model, built_in_model
 from rwa_monitor.messages import Diagnosis
-from rwa_monitor.monitor.bus import SamplesPublisher, send
+from rwa_monitor.monitor.bus import send
 from rwa_monitor.monitor.checkpoint import Checkpoint
 from rwa_monitor.monitor.core import Event, WheelCore, outputs_of
 from rwa_monitor.monitor.ingest import Counts
@@ -86,8 +86,7 @@ def pieces(samples: Samples, cuts: Sequence[int]) -> Iterator[Samples]:
 
 def publish(telemetry_of: Mapping[str, Samples], session: zenoh.Session, **options: Any) -> int:
     """Publish samples on the bus by key, as `send` has it."""
-    publishers = {key: SamplesPublisher(session, key) for key in telemetry_of}
-    return send(telemetry_of, publishers, **{"stop": threading.Event(), **options})
+    return send(session, telemetry_of, **{"stop": threading.Event(), **options})
 
 
 def messages_of(events: Sequence[Event], name: str = "wheel_1") -> list[tuple[str, bytes]]:

@@ -39,7 +39,6 @@ from tests.monitor.processes import (
     process,
     put_pieces,
     wait_for,
-    wait_until_it_monitors,
 )
 from tests.monitor.support import (
     KEY,
@@ -53,7 +52,7 @@ from tests.monitor.support import (
     telemetry,
     wheel,
 )
-from tests.program import command
+from tests.program import command, done
 
 STOP_S = 2.0  # the promise
 SLACK = 5.0
@@ -213,54 +212,32 @@ def test_monitors_apart_by_keys_or_shards_serve_each_wheel_once_and_no_other(
 
 @pytest.mark.processes
 def test_two_processes_over_tcp_give_the_diagnoses_of_the_batch(tmp_path: Path, wheel_file: Path) -> None:
-    scenario, table, folder = tmp_path / "scenario.toml", tmp_path / "sent.parquet", tmp_path / "recordings"
+    """Of two wheels that are published at once, the second one with the next seed."""
+    scenario, folder = tmp_path / "scenario.toml", tmp_path / "recordings"
     scenario.write_text(f"[scenario]\nduration_s = {(2 * WINDOW + 300) * 0.125}\n")
-    same = ("--scenario", scenario, "--wheel", wheel_file, "--seed", "5")
-    subprocess.run(command("simulate", "recording", *same, "-o", table), check=True, timeout=PATIENCE_S)
-    endpoint = f"tcp/127.0.0.1:{free_port()}"
-    with process("run", "--wheel", wheel_file, "--record", folder, "--shard", "1/1", "-l", endpoint) as child:
-        wait_until_it_monitors(child)
-        sending = ("simulate", "publish", *same, "--speed", "inf", "--key", KEY, "-e", endpoint)
-        subprocess.run(command(*sending), check=True, timeout=PATIENCE_S)
+    same = ("--scenario", scenario, "--wheel", wheel_file)
+    endpoint, pair = f"tcp/127.0.0.1:{free_port()}", ("--key", "rwa/sat/wheel_{n}/samples", "--count", 2)
+    running = ("run", "--wheel", wheel_file, "--record", folder, "--shard", "1/1", "-l", endpoint)
+    with process(*running, until="monitoring") as child:
+        sent = done("simulate", "publish", *same, "--seed", 5, *pair, "--speed", "inf", "-e", endpoint)
+        assert "on rwa/sat/wheel_1/samples … rwa/sat/wheel_2/samples" in sent.stderr
         with open_session(BusOptions(mode="client", connect=(endpoint,))) as session:
-            wait_for(lambda: _windows_told(session) == 2, "both windows")
+            wait_for(lambda: _windows_told(session) == 4, "both windows of each wheel")
         child.send_signal(signal.SIGTERM)
         assert child.wait(PATIENCE_S) == 0
     (recording,) = read_chain(folder)
     assert recording.finished
-    assert recorded(folder) == batch_diagnoses(read_table(table).samples, wheel())
+    for seed, name in ((5, "wheel_1"), (6, "wheel_2")):
+        table = tmp_path / f"{name}.parquet"
+        assert done("simulate", "recording", *same, "--seed", seed, "-o", table).returncode == 0
+        assert recorded(folder, name=name) == batch_diagnoses(read_table(table).samples, wheel(), name=name)
     assert replay(folder).bytes_equal
-
-
-@pytest.mark.slow
-@pytest.mark.processes
-def test_a_fleet_of_publishers_has_the_samples_of_recordings_with_the_same_seeds(
-    tmp_path: Path, wheel_file: Path
-) -> None:
-    scenario = tmp_path / "scenario.toml"
-    scenario.write_text(f"[scenario]\nduration_s = {(WINDOW + 300) * 0.125}\n")
-    same = ("--scenario", scenario, "--wheel", wheel_file)
-    endpoint = f"tcp/127.0.0.1:{free_port()}"
-    with process("run", "--wheel", wheel_file, "--record", tmp_path / "recordings", "-l", endpoint) as child:
-        wait_until_it_monitors(child)
-        with open_session(BusOptions(mode="client", connect=(endpoint,))) as session:
-            listener = Listener(session)
-            sending = ("simulate", "publish", *same, "--seed", "7", "--count", "3", "--speed", "inf", "-e", endpoint)
-            done = subprocess.run(command(*sending), check=True, timeout=PATIENCE_S, capture_output=True, text=True)
-            wait_for(lambda: len(set(listener.kind("diagnosis"))) == 3, "a window of each wheel")
-    assert "on rwa/simulated/wheel_1/samples … rwa/simulated/wheel_3/samples" in done.stderr
-    for number in range(3):
-        table = tmp_path / f"{number}.parquet"
-        subprocess.run(command("simulate", "recording", *same, "--seed", 7 + number, "-o", table), check=True)
-        (payload,) = batch_diagnoses(read_table(table).samples, wheel())
-        name = f'"spacecraft":"simulated","wheel":"wheel_{number + 1}"'
-        assert payload.replace(b'"spacecraft":"sat","wheel":"wheel_1"', name.encode()) in listener.kind("diagnosis")
 
 
 def _windows_told(session: zenoh.Session) -> int:
     answers = [reply.ok for reply in session.get("rwa/**/health") if reply.ok is not None]
     ends = [json.loads(answer.payload.to_bytes())["window_end_ns"] for answer in answers]
-    return max(ends, default=0) // (WINDOW * 125_000_000)
+    return sum(ends) // (WINDOW * 125_000_000)
 
 
 @pytest.mark.processes
@@ -270,9 +247,8 @@ def test_it_stops_at_once_while_data_flows(tmp_path: Path, wheel_file: Path, num
     payloads = [samples_json(part, "load", batch) for batch, part in enumerate(_endless(telemetry(4 * WINDOW), 400))]
     with (
         open_session(BusOptions(listen=(endpoint,))) as session,
-        process("run", "--wheel", wheel_file, "--record", folder, "-e", endpoint) as child,
+        process("run", "--wheel", wheel_file, "--record", folder, "-e", endpoint, until="monitoring") as child,
     ):
-        wait_until_it_monitors(child)
         done = Event()
 
         def load() -> None:
@@ -370,8 +346,7 @@ def test_a_supervisor_gets_notice_of_a_start_a_standstill_and_a_stop(
     for name, value in ear.environment.items():
         monkeypatch.setenv(name, value)
     endpoint = f"tcp/127.0.0.1:{free_port()}"
-    with process("run", "--wheel", wheel_file, "-l", endpoint) as child:
-        wait_until_it_monitors(child)
+    with process("run", "--wheel", wheel_file, "-l", endpoint, until="monitoring") as child:
         wait_for(lambda: "WATCHDOG=1" in ear.listen(), "a sign of life")
         assert ear.received[0].startswith("READY=1\nSTATUS=monitoring")
         with standing_still(child):
@@ -434,8 +409,7 @@ def test_the_token_of_a_killed_monitor_goes(wheel_file: Path) -> None:
         _subscriber = session.liveliness().declare_subscriber(
             "rwa/@monitor/*/alive", lambda sample: received.append(sample.kind)
         )
-        with process("run", "--wheel", wheel_file, "-e", endpoint) as child:
-            wait_until_it_monitors(child)
+        with process("run", "--wheel", wheel_file, "-e", endpoint, until="monitoring") as child:
             wait_for(lambda: received == [zenoh.SampleKind.PUT], "the token")
             child.kill()
             wait_for(lambda: len(received) == 2, "the token to go")

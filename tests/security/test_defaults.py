@@ -6,8 +6,6 @@ import os
 import re
 import subprocess
 import sys
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 
 import psutil
@@ -28,34 +26,25 @@ PACKAGE = Path(rwa_monitor.__file__).parent
 # ---- the network -----------------------------------------------------------------------------------------------------
 
 
-@contextmanager
-def program(*words: str, until: str) -> Iterator[psutil.Process]:
-    """Run the program in a process of its own once it has printed something."""
-    with process(*words) as child:
-        assert any(until in line for line in child.stderr), "it ended"
-        yield psutil.Process(child.pid)
-
-
-def listening(process: psutil.Process) -> list[str]:
+def listening(child: subprocess.Popen[str]) -> list[str]:
     """Return the addresses on which a process can be reached: listening TCP, and any UDP."""
     return [
         f"{connection.laddr.ip}"
-        for connection in process.net_connections(kind="inet")
+        for connection in psutil.Process(child.pid).net_connections(kind="inet")
         if connection.status == psutil.CONN_LISTEN or not connection.raddr
     ]
 
 
 @pytest.mark.processes
 def test_run_listens_nowhere_and_searches_for_nobody() -> None:
-    with program("run", until="monitoring") as child:
+    with process("run", until="monitoring") as child:
         assert listening(child) == []
 
 
 @pytest.mark.processes
 def test_the_dashboard_listens_on_loopback_only(tmp_path: Path) -> None:
-    with program(
-        "dashboard", "--no-browser", "--port", "0", "--record", str(tmp_path), until="the page is at"
-    ) as child:
+    words = ("dashboard", "--no-browser", "--port", "0", "--record", tmp_path)
+    with process(*words, until="the page is at") as child:
         wait_for(lambda: bool(listening(child)), "the page")
         assert set(listening(child)) == {"127.0.0.1"}
 
