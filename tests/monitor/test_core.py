@@ -7,7 +7,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from rwa_monitor.api import Monitor
 from rwa_monitor.diagnosis.model import built_in_model
 from rwa_monitor.errors import InputError
 from rwa_monitor.monitor.core import WheelCore, WindowDiagnosed, diagnose_samples
@@ -170,6 +169,7 @@ def looked(samples: Samples, cut: int) -> list[str]:
 @pytest.mark.parametrize("period_s", [0.05, 0.25])
 def test_another_sample_period_is_reported_once(period_s: float, cut: int) -> None:
     (text,) = looked(ramp(1000, period_s), cut)
+    assert "is sample_period_s = 0.125 of the wheel file right? The samples come every " in text
     assert float(text.split()[-2]) == pytest.approx(period_s, rel=0.1)
 
 
@@ -184,16 +184,8 @@ def test_gaps_and_repetition_are_no_other_period() -> None:
 def test_speeds_in_rpm_are_asked_about(cut: int) -> None:
     samples = ramp(1000, 0.125)
     rpm = replace(samples, speed_rad_s=samples.speed_rad_s * 30.0 / np.pi)
-    assert len(looked(rpm, cut)) == 1
+    (text,) = looked(rpm, cut)
+    assert "samples are beyond the wheel's limits and rejected: is the speed in rpm" in text
     wild = samples.speed_rad_s.copy()
     wild[::50] = 1e4
     assert looked(replace(samples, speed_rad_s=wild), cut) == []
-
-
-def test_the_monitor_s_troubles_hold_both() -> None:
-    samples = ramp(1000, 0.05)
-    monitor = Monitor(built_in_wheel(), built_in_model())
-    monitor.feed(replace(samples, speed_rad_s=samples.speed_rad_s * 30.0 / np.pi))
-    text = " ".join(monitor.troubles)
-    assert "is sample_period_s = 0.125 of the wheel file right? The samples come every 0.05" in text
-    assert "samples are beyond the wheel's limits and rejected: is the speed in rpm" in text

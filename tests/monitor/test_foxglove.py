@@ -129,11 +129,8 @@ def test_foxglove_can_read_every_schema() -> None:
         check(schema)
 
 
-def health(alarms: dict[str, HealthAlarm]) -> bytes:
-    recorded = read_recording(REPLAY / "dry" / "rwa-000001.mcap").messages
-    payload = next(message.payload for message in recorded if message.schema == Diagnosis.schema_name())
-    message = health_message(Diagnosis.parse(payload, "dry"))
-    return message.model_copy(update={"alarm_states": alarms}).to_json()
+def recorded_diagnosis() -> Diagnosis:
+    return read_recording(REPLAY / "dry" / "rwa-000001.mcap").parsed(Diagnosis)[0]
 
 
 def test_each_change_of_an_alarm_is_a_line() -> None:
@@ -141,7 +138,8 @@ def test_each_change_of_an_alarm_is_a_line() -> None:
     seen = HealthAlarm(level="distress", phase="acknowledged", acknowledged_by="Ada")
     translator, lines = Translator(), []
     for alarms in ({"dry": active}, {"dry": active}, {"dry": seen}, {}):
-        views = translator.translate(f"{KEY}/{Health.kind}", health(alarms))
+        health = health_message(recorded_diagnosis()).model_copy(update={"alarm_states": alarms})
+        views = translator.translate(f"{KEY}/{Health.kind}", health.to_json())
         lines += [json.loads(view.payload) for view in views if view.schema == "foxglove.Log"]
     assert [(line["level"], line["message"]) for line in lines] == [
         (4, "Alarm dry: distress, active."),
@@ -151,9 +149,7 @@ def test_each_change_of_an_alarm_is_a_line() -> None:
 
 
 def test_a_window_that_is_not_live_is_no_error_in_the_log() -> None:
-    recorded = read_recording(REPLAY / "dry" / "rwa-000001.mcap").messages
-    payload = next(message.payload for message in recorded if message.schema == Diagnosis.schema_name())
-    bad = Diagnosis.parse(payload, "dry").model_copy(update={"verdict": "anomalous", "reason": "It is."})
+    bad = recorded_diagnosis().model_copy(update={"verdict": "anomalous", "reason": "It is."})
     late = bad.model_copy(update={"data": "stored"})
     for key, message, expected in (
         (KEY, bad, (4, "It is.")),

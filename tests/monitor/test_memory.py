@@ -63,56 +63,43 @@ def traced() -> Iterator[None]:
         tracemalloc.stop()
 
 
-def peak_of_a_new_file(folder: Path, wheels: int) -> tuple[int, int]:
-    """Return the most bytes that a new recording takes while open windows are brought over, and its size then."""
+def taken(folder: Path, wheels: int) -> tuple[int, int, int]:
+    """Return what a new recording takes while open windows are brought over [bytes], and its size then.
+
+    And what a start from it takes, and gives back when it is done.
+    """
     with driven(folder, wheel(SLOTS), max_file_bytes=2**30) as driver:
         driver.send(wheels, range(MESSAGES))
         driver.now_s += MAX_FILE_AGE_S
         with traced():
-            bring_over(driver, wheels)
-            peak = tracemalloc.get_traced_memory()[1]
+            for _ in range(wheels + 1):
+                driver.now_s += IDLE_WAIT_S
+                driver.monitor.tick()
+            new_file = tracemalloc.get_traced_memory()[1]
         assert len(recordings_of(folder)) == 2
-        return peak, recordings_of(folder)[1].stat().st_size
-
-
-def bring_over(driver: Sending, wheels: int) -> None:
-    """Let a recording that is old enough be ended, and all wheels be brought over into the next one."""
-    for _ in range(wheels + 1):
-        driver.now_s += IDLE_WAIT_S
-        driver.monitor.tick()
+        size = recordings_of(folder)[1].stat().st_size
+        driver.send(wheels, range(MESSAGES, MESSAGES + 10))
+    with traced():
+        past = recover_state(folder, Setup(wheel(SLOTS), model=model()), Event(), lambda _: None)
+        held, peak = tracemalloc.get_traced_memory()
+    assert len(past.cores) == wheels
+    return new_file, size, peak - held
 
 
 def test_a_new_file_takes_the_memory_of_one_checkpoint_however_many_wheels_there_are(tmp_path: Path) -> None:
-    """All at once, those of fifty wheels took 140 MB for ten seconds: the soak's memory rose with each higher peak."""
-    few, size_of_few = peak_of_a_new_file(tmp_path / "few", 4)
-    many, size_of_many = peak_of_a_new_file(tmp_path / "many", 16)
+    """All at once, those of fifty wheels took 140 MB for ten seconds: the soak's memory rose with each higher peak.
+
+    When a recording was read whole at a start, that of 400 full windows took 5 GB, and their cores one.
+    """
+    # Of eight wheels the recording is larger already than the piece that is read at a time.
+    few, size_of_few, start_of_few = taken(tmp_path / "few", 8)
+    many, size_of_many, start_of_many = taken(tmp_path / "many", 32)
     assert size_of_many > 3.5 * size_of_few  # else the checkpoints are not what fills it
     assert many < 1.5 * few
+    assert start_of_many < 1.5 * start_of_few
     # A file grows to twice what it begins with; that of as many wheels as one process takes is still read again.
-    full = (size_of_many - size_of_few) / 12 * SLOTS / (MESSAGES * MESSAGE)
+    full = (size_of_many - size_of_few) / 24 * SLOTS / (MESSAGES * MESSAGE)
     assert 2.0 * full * MAX_WHEELS < MAX_FLEET_FILE_BYTES
-
-
-def passing_of_a_restart(folder: Path, wheels: int) -> int:
-    """Return the bytes that going on from a recording takes, and gives back when it is done."""
-    with driven(folder, wheel(SLOTS), max_file_bytes=2**30) as driver:
-        driver.send(wheels, range(MESSAGES))
-        driver.now_s += MAX_FILE_AGE_S
-        bring_over(driver, wheels)
-        driver.send(wheels, range(MESSAGES, MESSAGES + 10))
-    setup = Setup(wheel(SLOTS), model=model())
-    with traced():
-        past = recover_state(folder, setup, Event(), lambda _: None)
-        held, peak = tracemalloc.get_traced_memory()
-    assert len(past.cores) == wheels
-    return peak - held
-
-
-def test_a_restart_takes_the_memory_of_the_cores_and_not_of_the_recording(tmp_path: Path) -> None:
-    """When a recording was read whole first, that of 400 full windows took 5 GB, and their cores one."""
-    # Of eight wheels the recording is larger already than the piece that is read at a time.
-    few, many = passing_of_a_restart(tmp_path / "few", 8), passing_of_a_restart(tmp_path / "many", 24)
-    assert many < 1.5 * few
 
 
 def held_bytes() -> int:

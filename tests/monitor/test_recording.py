@@ -29,15 +29,9 @@ def test_a_recording_gives_back_what_was_written(whole: tuple[Path, list[bytes]]
     assert recording.settings() == {"a": 1}
     assert [message.payload for message in recording.messages] == payloads
     assert recording.messages[3] == EncodedMessage(TOPICS[1], "rwa.Samples", payloads[3], 3_000, 4)
-
-
-def test_other_tools_read_it_too(whole: tuple[Path, list[bytes]]) -> None:
-    path, payloads = whole
-    with path.open("rb") as file:
-        found = [
-            (schema.name, message.data) for schema, _, message in make_reader(file, validate_crcs=True).iter_messages()
-        ]
-    assert found == [("rwa.Samples", payload) for payload in payloads]
+    with path.open("rb") as file:  # and to other tools
+        read = [(kind.name, sent.data) for kind, _, sent in make_reader(file, validate_crcs=True).iter_messages()]
+    assert read == [("rwa.Samples", payload) for payload in payloads]
 
 
 def test_log_times_never_go_back(tmp_path: Path) -> None:
@@ -81,16 +75,6 @@ def test_telemetry_that_is_packed_well_is_read_again_where_it_is_not_kept(
     with pytest.raises(InputError, match="asks for more than"):
         read_recording(path)
     assert sum(isinstance(part, EncodedMessage) for part in Recording(path).parts()) == 1_000
-
-
-def test_a_damaged_attachment_is_not_believed(whole: tuple[Path, list[bytes]]) -> None:
-    path, _ = whole
-    data = path.read_bytes()
-    path.write_bytes(data.replace(b'{"a":1}', b'{"a":2}', 1))
-    recording = read_recording(path)
-    assert recording.problems
-    with pytest.raises(InputError, match=r"settings\.json"):
-        recording.settings()
 
 
 @pytest.mark.parametrize("content", [b"", b"\x89MCAP", b"time_s,speed_rad_s\n", bytes(100)])
@@ -151,7 +135,7 @@ def test_recover_on_every_cut_of_a_small_file_gives_true_messages_and_exit_3(tmp
 def test_recover_on_every_flipped_byte_of_a_small_file_gives_only_true_messages(tmp_path: Path, step: int) -> None:
     path, damaged, target = tmp_path / "small.mcap", tmp_path / "damaged.mcap", tmp_path / "saved.mcap"
     payloads = write_file(path, messages=4, flush_every=2)
-    data = path.read_bytes()
+    data, attached = path.read_bytes(), {"settings.json": b'{"a":1}', "wheel.toml": b"# w"}
     rng = np.random.default_rng(3)
     summary = int.from_bytes(data[-28:-20], "little")  # from there on it only repeats: every seventh byte will do
     for number, position in enumerate((*range(8, summary, step), *range(summary, len(data), 7 * step))):
@@ -161,9 +145,9 @@ def test_recover_on_every_flipped_byte_of_a_small_file_gives_only_true_messages(
         recording = read_recording(damaged)
         got = [message.payload for message in recording.messages]
         assert got in (payloads, payloads[:2], payloads[2:])
-        assert recording.problems or (
-            got == payloads and recording.attachments.keys() >= {"settings.json", "wheel.toml"}
-        )
+        kept = {name: data for name, data in recording.attachments.items() if name in attached}
+        assert kept.items() <= attached.items()
+        assert recording.problems or (got == payloads and kept == attached)
         if number % 97:
             continue
         recovery = recover(damaged, target)

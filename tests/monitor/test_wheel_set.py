@@ -12,22 +12,16 @@ from rwa_monitor.monitor.bus import BusOptions, open_session
 from rwa_monitor.monitor.recording import recordings_of
 from rwa_monitor.monitor.replay import replay
 from rwa_monitor.monitor.searches import job_of
-from rwa_monitor.monitor.service import RunOptions
 from rwa_monitor.monitor.setup import Setup, read_wheel_folder
 from rwa_monitor.samples import Samples
 from rwa_monitor.wheel.wheel import Wheel
 from tests.history.support import discrepancy
-from tests.monitor.processes import Listener, monitor, wait_for
+from tests.monitor.processes import Listener, monitor, options, wait_for
 from tests.monitor.support import WINDOW, batch_diagnoses, model, recorded, telemetry, wheel
 from tests.program import run
 
 OWN, OTHER = ("sat", "wheel_2"), ("sat", "wheel_1")
 BATCH = 128
-
-
-def options(record: Path, own: Wheel) -> RunOptions:
-    own_wheels = {OWN: own, ("sat", "wheel_l"): wheel()}  # a slip of the pen
-    return RunOptions(setup=Setup(wheel(), own_wheels, model()), record=record, status_period_s=0.05)
 
 
 def send(session: zenoh.Session, name: str, samples: Samples, first: int) -> None:
@@ -38,9 +32,10 @@ def send(session: zenoh.Session, name: str, samples: Samples, first: int) -> Non
 
 def run_once(record: Path, own: Wheel, parts: dict[str, Samples], first: int, received: dict[str, int]) -> list[str]:
     """Let a monitor take what is sent; returns its log."""
+    own_wheels = {OWN: own, ("sat", "wheel_l"): wheel()}  # a slip of the pen
     with open_session(BusOptions()) as session:
         listener = Listener(session)
-        with monitor(session, options(record, own)) as log_lines:
+        with monitor(session, options(setup=Setup(wheel(), own_wheels, model()), record=record)) as log_lines:
             for name, samples in parts.items():
                 send(session, name, samples, first)
 
