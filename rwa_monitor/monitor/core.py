@@ -233,7 +233,7 @@ class WheelCore:
                 events += windows.end_epoch()
                 windows.begin_epoch(placed)
             else:
-                events += windows.write(placed.slots, placed.values, int(placed.slots[-1]) + 1)
+                events += windows.write(int(placed.slots[-1]) + 1, placed.slots, placed.values)
         return events
 
     # ---- stored samples -------------------------------------------------------------------------------------------
@@ -262,9 +262,11 @@ class WheelCore:
             windows = Windows(self.wheel, self.model, self.method, carried, Counts())
             windows.begin_source(self._source or windows.friction.source)
             windows.begin_epoch(grid)
-            slots = window.slots()
-            values = {name: array[slots] for name, array in window.values.items()}
-            happened = [*windows.write(slots, values, self.wheel.window.samples), *windows.end_epoch()]
+            slots, happened = window.slots(), list[Event]()
+            for end in (*range(PIECE_SLOTS, self.wheel.window.samples, PIECE_SLOTS), self.wheel.window.samples):
+                piece = slots[slice(*np.searchsorted(slots, (windows.ring.end, end)))]
+                happened += windows.write(end, piece, {name: array[piece] for name, array in window.values.items()})
+            happened += windows.end_epoch()
             (diagnosed,) = [event for event in happened if isinstance(event, WindowDiagnosed)]
             stored_one = diagnosed.diagnosis.model_copy(update={"data": "stored"})
             events.append(diagnosed._replace(diagnosis=stored_one))
@@ -453,19 +455,10 @@ class Windows:
 
     # ---- slots into windows -----------------------------------------------------------------------------------------
 
-    def write(self, slots: IntArray, values: Mapping[str, FloatArray], frontier: int) -> list[Event]:
-        """Write slots up to `frontier`, also those without a sample, to the ring buffer piece by piece."""
-        events: list[Event] = []
-        ring = self.ring
-        while ring.end < frontier:
-            end = min(ring.end + PIECE_SLOTS, frontier)
-            if ring.end <= slots[0] and end == frontier:  # all at once
-                ring.extend(end, slots, values)
-            else:
-                rows = slice(*np.searchsorted(slots, (ring.end, end)))
-                ring.extend(end, slots[rows], {name: array[rows] for name, array in values.items()})
-            events += self.advance()
-        return events
+    def write(self, end: int, slots: IntArray, values: Mapping[str, FloatArray]) -> list[Event]:
+        """Write the slots up to `end`, at most `PIECE_SLOTS` and also those without a sample, to the ring buffer."""
+        self.ring.extend(end, slots, values)
+        return self.advance()
 
     def advance(self, *, to_the_end: bool = False) -> list[Event]:
         """Process all blocks that are complete, including the stencil around them."""
