@@ -310,7 +310,7 @@ def _with_slope_friction(samples: Samples, wheel: Wheel) -> Samples:
     if stopped is samples or stopped.motor_torque_Nm is None:
         return samples
     slope = _slopes(samples, wheel.friction.derivative.window_s)
-    return replace(samples, friction_torque_Nm=friction_torque(stopped.motor_torque_Nm, slope, inertia_of(wheel)))
+    return replace(stopped, friction_torque_Nm=friction_torque(stopped.motor_torque_Nm, slope, inertia_of(wheel)))
 
 
 def _slopes(samples: Samples, window_s: float) -> FloatArray:

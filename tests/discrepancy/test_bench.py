@@ -99,6 +99,19 @@ def test_without_motor_no_curve_over_the_acceleration_explains_its_own_multiple(
     assert result.unexplained.signature == "a drag that depends on |speed|"
 
 
+def test_without_motor_a_drag_that_wanders_is_not_one_of_the_acceleration() -> None:
+    """Its noise is that of the acceleration, from which it comes, whether the clock is even or not."""
+    rng = np.random.default_rng(0)
+    fine, wander = [20.0], 0.0
+    while fine[-1] > 1.0:
+        wander += 3e-4 * rng.normal() - 0.002 * wander
+        fine.append(fine[-1] - 0.01 / 5.0 * (0.02 + 0.002 * fine[-1] + wander))
+    time = np.arange(0.0, 0.01 * len(fine), 0.5)
+    time[1:] += 0.25 * rng.uniform(-1.0, 1.0, time.size - 1)
+    speed = np.interp(time, 0.01 * np.arange(len(fine)), fine) + 1e-4 * rng.normal(size=time.size)
+    assert find_discrepancy([("coast", samples(time, speed))], bench()).result.verdict == "adequate"
+
+
 def test_a_run_down_within_the_usual_window_of_the_derivative_is_read_with_a_shorter_one() -> None:
     time, friction = 0.01 * np.arange(160), 0.04 * np.ones(160)  # 1.6 s
     speed = 40.0 - np.cumsum(friction) * 0.01 / 0.005 + 1e-3 * np.random.default_rng(5).normal(size=160)

@@ -11,7 +11,7 @@ from rwa_monitor.discrepancy.plan import plan
 from rwa_monitor.discrepancy.unexplained import with_nonparametric_curves
 from rwa_monitor.reporting.discrepancy_report import sentence
 from rwa_monitor.wheel.wheel import Wheel
-from tests.discrepancy.simple import DRY_NM, NOISE_NM, PERIOD_S, WHEEL, Array, names, record, search, swing
+from tests.discrepancy.simple import DRY_NM, NOISE_NM, PERIOD_S, VISCOUS, WHEEL, Array, names, record, search, swing
 from tests.discrepancy.smooth import null_record, problem_of, smooth_record, two_sines
 
 COUNT, SHORT = 8000, 4000
@@ -115,6 +115,7 @@ def test_what_repeats_with_the_motion_is_not_called_periodic_in_time() -> None:
 
 JUMPS = (1500, 3100)
 POCKETS = (600, 1900, 2700, 3400)
+SLOPES = (800, 1900, 2900)
 
 
 def pockets(speed: Array, height: float, seconds: float) -> Array:
@@ -139,6 +140,16 @@ def test_pockets_of_oil_are_jumps_that_relax_and_no_further_system(height: float
     assert relaxing.columns.shape[1] == len(POCKETS)
     np.testing.assert_allclose(heights, height * DRY_NM * (1.0 + 0.2 * np.arange(len(POCKETS))), rtol=0.15)
     assert [block.name for block in extended_wheel(found).effect] == ["decaying_jump"]
+
+
+@pytest.mark.parametrize("seed", [0, pytest.param(1, marks=pytest.mark.slow)])
+def test_a_slope_that_jumps_by_itself_is_named(seed: int) -> None:
+    def sloped(speed: Array, _: Array) -> Array:
+        stretch = np.searchsorted(SLOPES, np.arange(speed.size), side="right")
+        return np.asarray(0.5 * VISCOUS * np.array([0.0, 1.0, 0.0, 1.0])[stretch] * speed)
+
+    samples, _ = record(swing(SHORT), JUMPS, sloped, seed=seed)
+    assert names(search(samples)) == ["viscous_jump"]
 
 
 @pytest.mark.parametrize("seed", range(3))
