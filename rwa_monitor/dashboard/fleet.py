@@ -15,7 +15,7 @@ from rwa_monitor.history.database import AlarmRecord, RetirementEvent
 from rwa_monitor.messages import Changepoints, Diagnosis, Discrepancy, Message, Status
 from rwa_monitor.monitor.setup import Setup
 from rwa_monitor.samples import NANOSECONDS_PER_SECOND, FloatArray, IntArray, Samples, SlotGrid, concatenate
-from rwa_monitor.wheel.torque_balance import corrected_friction, half_width, motor_torque
+from rwa_monitor.wheel.torque_balance import corrected_friction, motor_torque, slots_around
 from rwa_monitor.wheel.wheel import Wheel as WheelConstants
 
 KEYS: Final = "rwa/*/*/*"  # on the bus
@@ -42,7 +42,7 @@ class DerivedFriction:
 
     def __init__(self, wheel: WheelConstants) -> None:
         self.wheel = wheel
-        self._half = half_width(wheel.friction.derivative, wheel.sample_period_s)
+        self._before, self._after = slots_around(wheel)
         self._tail: Samples | None = None
         self._returned_ns = -1  # time of the last sample that was returned
 
@@ -54,7 +54,7 @@ class DerivedFriction:
         temp = _known(samples.bearing_temperature_degC, len(samples))
         joined = Samples(samples.time_ns, samples.speed_rad_s, motor_torque_Nm=torque, bearing_temperature_degC=temp)
         tail, period_ns = self._tail, self.wheel.period_ns
-        if tail is not None and 0 < joined.time_ns[0] - tail.time_ns[-1] <= 2 * self._half * period_ns:
+        if tail is not None and 0 < joined.time_ns[0] - tail.time_ns[-1] <= (self._before + self._after) * period_ns:
             joined = concatenate([tail, joined])
         slot = SlotGrid(int(joined.time_ns[0]), period_ns).slot_of(joined.time_ns)
         if np.any(np.diff(slot) <= 0) or slot[-1] >= MAX_SLOTS_PER_SAMPLE * len(joined):
@@ -63,8 +63,8 @@ class DerivedFriction:
         assert joined.motor_torque_Nm is not None  # given above, in both parts
         speed, torque = _on_grid(slot, joined.speed_rad_s), _on_grid(slot, joined.motor_torque_Nm)
         friction = corrected_friction(speed, torque, self.wheel)[slot]
-        end = int(slot[-1]) - self._half
-        self._tail = joined[slot > end - self._half]
+        end = int(slot[-1]) - self._after
+        self._tail = joined[slot > end - self._before]
         ready = (slot <= end) & (joined.time_ns > self._returned_ns)
         if ready.any():
             self._returned_ns = int(joined.time_ns[ready][-1])

@@ -30,9 +30,6 @@ DISAGREEMENT_SHARE: Final = 0.02  # of the largest bias nearby: on a smooth bend
 DISAGREEMENT_STDS: Final = 4.0  # standard deviations of friction between the estimates: one of them includes a corner
 CORNER_REACH: Final = 4  # slots on each side of such a corner that are excluded
 CORNER_EDGE: Final = 2  # slots on each side of a step of torque in which its pulse may be lost in the noise
-# Half-width of a filter for dω/dt from which a detected corner is complete [slots]. In filters as wide, a ripple of the
-# torque is mistaken for a corner too often to exclude slots around each, or to undo the bias correction there.
-WIDE_HALF: Final = 8
 CORNER_WINDOWS: Final = 3  # derivative windows over which the speed must bend as a step of torque implies
 
 
@@ -89,7 +86,8 @@ def derived_friction(speed: FloatArray, torque: FloatArray, wheel: Wheel, torque
     typical = wheel.nominal.dry_torque_Nm if wheel.nominal else float(np.median(known)) if known.size else 0.0
     agreed = np.abs(rounding + bias) <= max(sigma, torque_balance.LEAST_ERROR * typical)
     stepped = (rounding != 0.0) & ~agreed
-    if hole < WIDE_HALF:
+    # In wide filters a ripple of the torque is mistaken for a corner too often to exclude slots around each.
+    if hole < torque_balance.WIDE_HALF:
         stepped = binary_dilation(stepped, iterations=CORNER_EDGE)
         # A polynomial whose slots include a corner adds a spurious bend around it: its correction is undone.
         smeared = binary_dilation(stepped, iterations=hole + BIAS_REACH) & (np.abs(bias) < BIAS_STDS * sigma)

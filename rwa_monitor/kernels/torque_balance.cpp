@@ -5,9 +5,8 @@ namespace {
 
 constexpr double CERTAIN_STDS = 1.0;  // of derived friction's noise: an error with a smaller uncertainty is corrected
 constexpr double OVER_NOISE = 4.0;  // standard deviations of the torque's own noise, or of derived friction's
-constexpr int64_t FEWEST_DIFFERENCES = 5;  // of the torque, for an estimate of its noise
-constexpr int64_t IN_A_STEP = 4;           // fourth differences that a step of the torque affects
-constexpr int64_t MANY_DIFFERENCES = 13;   // so many that those hardly affect the median: a window of 17 slots
+constexpr size_t FEWEST_DIFFERENCES = 5;     // of the torque, for an estimate of its noise
+constexpr double NORMAL_QUARTILE = 0.31864;  // lower quartile of |N(0, 1)|
 constexpr double MOVES_THE_ROTOR = 0.5;  // share of a step of torque that must be in the speed: half way to all
 constexpr double CLEAR_STDS = 3.0;       // by which that share must exceed zero: one slot in a thousand of noise
 
@@ -38,28 +37,19 @@ void bridge(Floats speed, Vector<double> result, int64_t half, double period_s, 
     }
 }
 
-// The noise of a torque from the median of its fourth differences, which a step or a bend hardly affects. In a narrow
-// window a step affects about half of them: those across the largest step are left out there.
+// The noise of a torque from the lower quartile of its fourth differences: a ramp of some slots affects more than half of
+// those across it.
 double noise_of(Floats torque) {
-    const int64_t n = torque.size();
-    const bool narrow = n - IN_A_STEP < MANY_DIFFERENCES;
-    double largest = -1.0;
-    int64_t at = -1, known = 0;
-    for (int64_t i = 0; narrow && i < n - 1; ++i) {
-        const double step = abs(torque[i + 1] - torque[i]);
-        if (step > largest) largest = step, at = i;
-    }
     NewFloats differences;
-    for (int64_t i : range(n - 4)) {
+    for (int64_t i : range(torque.size() - 4)) {
         const double outer = torque[i + 4] + torque[i], inner = torque[i + 3] + torque[i + 1];
         const double difference = abs(outer - 4.0 * inner + 6.0 * torque[i + 2]);
-        if (isnan(difference)) continue;
-        ++known;
-        if (!(narrow && i <= at && at < i + IN_A_STEP)) differences.push_back(difference);
+        if (!isnan(difference)) differences.push_back(difference);
     }
-    // The variance of a fourth difference is 70σ²; the median of |N(0, 1)| is 0.6745.
-    const bool enough = known >= FEWEST_DIFFERENCES && !differences.empty();
-    return enough ? median_in_place(differences) / (0.6745 * sqrt(70.0)) : 0.0;
+    if (differences.size() < FEWEST_DIFFERENCES) return 0.0;
+    const auto quartile = differences.begin() + differences.size() / 4;
+    std::nth_element(differences.begin(), quartile, differences.end());
+    return *quartile / (NORMAL_QUARTILE * sqrt(70.0));  // the variance of a fourth difference is 70σ²
 }
 
 // The error of friction for the least-squares parabola through a torque, and its std; zeros where a torque is NaN.
@@ -141,7 +131,7 @@ Share share_beside(int degree, Floats shape, Floats speed) {
 // `least_Nm` is NaN where the wheel's nominal friction is not known; then the limit is a share of friction itself.
 void rounding_error(
     Floats speed, Floats torque, Floats weights, double per_torque, double noise_gain, double least_Nm,
-    double least_share, int64_t reach, bool soft, Vector<double> error) {
+    double least_share, int64_t reach, int64_t noise_slots, bool soft, bool masks, Vector<double> error) {
     const int64_t half = weights.size(), n = speed.size();
     NewFloats shape(2 * reach + 1);  // the speed that the torque alone would give [rad/s]
     const Vector<double> bend(shape);
@@ -170,7 +160,7 @@ void rounding_error(
             enough = least_share * abs(here - off - slope_of(speed.slice(k - half, k + half + 1)) / per_torque);
         }
         if (abs(off) + uncertain <= enough) continue;
-        const double noise = noise_of(near_torque);
+        const double noise = noise_of(torque.slice(max<int64_t>(k - noise_slots, 0), k + half + 1));
         const bool sudden = abs(off) > OVER_NOISE * noise;
         if (!(sudden || soft)) continue;
         if (!sudden) {
@@ -197,7 +187,13 @@ void rounding_error(
             const Share cubic = share_beside(3, bent, around);
             known = cubic.share > max(MOVES_THE_ROTOR, CLEAR_STDS * cubic.std);
         }
-        error[k] = known ? off : NAN;
+        error[k] = known && !masks ? off : NAN;
+    }
+    // Within a bend the torque of a slot may be its average by chance.
+    for (int64_t k = 0, last = -n; masks && k < n; ++k) {
+        if (!isnan(error[k])) continue;
+        if (k - last <= 2 * (half + 1)) std::fill(error.data + last + 1, error.data + k, NAN);
+        last = k;
     }
 }
 

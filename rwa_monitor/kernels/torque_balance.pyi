@@ -12,7 +12,9 @@ def rounding_error(
     least_Nm: float,
     least_share: float,
     reach: int,
+    noise_slots: int,
     soft: bool,
+    masks: bool,
     error: FloatArray,
 ) -> None:
     """Set `error`, zeros, as `wheel.torque_balance.rounding_error` returns it.
@@ -29,6 +31,8 @@ def rounding_error(
         Standard deviation of the derived friction per that of the speed.
     least_Nm, least_share
         Smaller errors are ignored: least_Nm or, where that is NaN, least_share of the friction there.
-    reach, soft
-        Slots to either side in which the speed must bend; as for the public function.
+    reach, noise_slots
+        Slots to either side in which the speed must bend, and before, from which the torque's noise is estimated.
+    soft, masks
+        As for the public function; whether each error is NaN, and the gaps between errors within a bend.
     """

@@ -26,9 +26,9 @@ from rwa_monitor.wheel.torque_balance import (
     corrected_friction,
     differentiate_over_gaps,
     friction_torque,
-    half_width,
     inertia_of,
     motor_torque,
+    slots_around,
 )
 from rwa_monitor.wheel.wheel import Wheel
 
@@ -417,8 +417,8 @@ class FrictionSource:
 
     Attributes
     ----------
-    reach
-        Slots that the derivative's stencil reaches to either side; 0 where nothing needs it.
+    before, reach
+        Slots before one and after it on which its friction depends; 0 where it is given and nothing else needs them.
     optional
         Channels besides speed and torque that the wheel's effects need.
     limit_Nm
@@ -443,7 +443,7 @@ class FrictionSource:
         self.adds_by_temperature = any(TEMPERATURE in effect.needs for effect in others)
         self.derived = source != "friction_torque_Nm"
         needs_acceleration = self.derived or self.effects
-        self.reach = half_width(wheel.friction.derivative, wheel.sample_period_s) if needs_acceleration else 0
+        self.before, self.reach = slots_around(wheel) if needs_acceleration else (0, 0)
         needed = frozenset[str]().union(*(effect.needs for effect in self.effects))
         self.optional = tuple(name for name in OPTIONAL if name in needed)
         self.limit_Nm = friction_limit(wheel)
@@ -481,7 +481,7 @@ class FrictionSource:
         Parameters
         ----------
         ring
-            Holds the slots and `reach` more on either side, as far as there are any.
+            Holds the slots, `before` more before and `reach` more after them, as far as there are any.
         start, stop
             `start` is where the last call ended; both multiples of 64, or borders of windows or of the epoch.
         torque
@@ -500,9 +500,9 @@ class FrictionSource:
         """
         if self.reach == 0:
             return torque, 0, [], None
-        speed, motor = ring.read_required(start - self.reach, stop + self.reach)
+        speed, motor = ring.read_required(start - self.before, stop + self.reach)
         acceleration = differentiate_over_gaps(speed, self.wheel.friction.derivative, self.wheel.sample_period_s)
-        here = slice(self.reach, self.reach + stop - start)
+        here = slice(self.before, self.before + stop - start)
         friction = corrected_friction(speed, motor, self.wheel, acceleration)[here] if self.derived else torque.copy()
         acceleration = acceleration[here]
         masked = 0

@@ -20,6 +20,10 @@ MAX_HALF_WIDTH: Final = 5_000
 MAX_VARIANCE_RATIO: Final = 2.0  # variance of a slope over a gap, to that of one without a gap
 Source = Literal["friction_torque_Nm", "motor_torque_Nm", "motor_current_A"]
 FRICTION_CHANNELS: Final[tuple[Source, ...]] = ("friction_torque_Nm", "motor_torque_Nm", "motor_current_A")
+# Half-width of the derivative filter [slots] from which the error at a bend of the speed is known, and corrected.
+WIDE_HALF: Final = 8
+FEWEST_AROUND: Final = 3  # slots to either side: in fewer a bend of the speed leaves no degree of freedom
+NOISE_SLOTS: Final = 24  # before a slot, from which the noise of its torque is estimated
 LEAST_ERROR: Final = 0.02  # of the nominal dry friction, or of friction itself: half of a usual noise; less is harmless
 
 
@@ -102,6 +106,13 @@ def with_window(wheel: Wheel, window_s: float) -> Wheel:
     """Return the wheel with dω/dt estimated over another window [s]."""
     derivative = wheel.friction.derivative.model_copy(update={"window_s": window_s})
     return wheel.model_copy(update={"friction": wheel.friction.model_copy(update={"derivative": derivative})})
+
+
+def slots_around(wheel: Wheel) -> tuple[int, int]:
+    """Return how many slots before one and how many after it `corrected_friction` depends on."""
+    half = half_width(wheel.friction.derivative, wheel.sample_period_s)
+    bend = 2 * (half + 1)  # a bend may begin or end so far away
+    return NOISE_SLOTS + bend, half if half >= WIDE_HALF else bend + max(half, FEWEST_AROUND)
 
 
 def derivative_taps(derivative: Derivative, period_s: float) -> FloatArray:
@@ -206,8 +217,9 @@ def rounding_error(
         speed hides steps of the torque.
     soft
         Whether to include gradual bends, significant in the parabola through the window's torques but not in a single
-        one, and to return NaN where friction may jump within a bend. The search, which has the whole record, fits
-        polynomials over longer windows instead.
+        one, and to return NaN where friction may jump within a bend, and throughout a bend in a filter of fewer slots
+        than `WIDE_HALF` to either side: there the error depends on when between two samples the torque changed. The
+        search, which has the whole record, fits polynomials over longer windows instead.
 
     Returns
     -------
@@ -233,8 +245,10 @@ def rounding_error(
         inertia_of(wheel) * float(np.sqrt(taps @ taps)),
         LEAST_ERROR * wheel.nominal.dry_torque_Nm if wheel.nominal else np.nan,
         LEAST_ERROR,
-        windows * half,
+        max(windows * half, FEWEST_AROUND),
+        NOISE_SLOTS,
         soft,
+        soft and half < WIDE_HALF,
         error,
     )
     return error

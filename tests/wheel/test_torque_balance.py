@@ -192,16 +192,45 @@ def test_a_bend_as_long_as_the_filter_is_taken_out_although_no_single_current_sh
     assert np.median(np.abs(left[large])) < 0.25 * 3.9e-5
 
 
+@pytest.mark.parametrize("window_s", [0.25, 0.625, 1.25])
+@pytest.mark.parametrize("ramp", [0.3, 2.0, 5.5])
+def test_a_filter_of_few_slots_masks_bends_and_hardly_anything_else(window_s, ramp):
+    """The torque of a slew begins and ends between samples, over some slots; the wheel passes zero in steady slews."""
+    wheel = SLEWS.model_copy(update={"friction": FrictionFilter(derivative=Derivative(window_s=window_s))})
+    rng, slots, fine = np.random.default_rng(3), 12_000, 20
+    steps = np.arange(200, slots, 400) + rng.uniform(0.0, 1.0, 30)
+    command = np.zeros(slots * fine)
+    for number, at in enumerate(steps):
+        share = np.clip((np.arange(slots * fine) / fine - at) / ramp, 0.0, 1.0)
+        command += share * 0.04 * (1.0, -1.0, -1.0, 1.0)[number % 4]
+    speed = -15.0 + np.cumsum(command) * PERIOD / fine / tb.inertia_of(SLEWS)
+    speed, command = speed[::fine], command[::fine]
+    friction = 1.6e-3 * np.sign(speed)
+    friction[7_100:] *= 1.4
+    found = tb.corrected_friction(
+        speed + rng.normal(0.0, SPEED_STD, slots), command + friction + rng.normal(0.0, 2e-5, slots), wheel
+    )
+    std = np.hypot(np.sqrt(tb.derived_noise_variance(wheel, SPEED_STD)), 2e-5)
+    half = tb.half_width(wheel.friction.derivative, PERIOD)
+    known = np.isfinite(found)
+    assert np.abs(found - friction)[known].max() < max(6.0 * std, 2.0 * tb.LEAST_ERROR * 1.6e-3)
+    beyond = np.arange(slots)[:, None] - steps
+    steady = ~((beyond > -2 * half - 2) & (beyond < ramp + 2 * half + 2)).any(axis=1)
+    assert np.mean(known[half:-half][steady[half:-half]]) > 0.999
+
+
+@pytest.mark.parametrize("window_s", [0.25, 1.25, 2.0])
 @given(st.integers(1_000, 11_000))
 @settings(max_examples=20, deadline=None)
-def test_the_error_does_not_depend_on_where_a_record_is_cut(cut):
+def test_the_error_does_not_depend_on_where_a_record_is_cut(window_s, cut):
+    wheel = SLEWS.model_copy(update={"friction": FrictionFilter(derivative=Derivative(window_s=window_s))})
     speed, motor, _, _ = slews(4, 5e-3)
     speed[3_000:3_003] = np.nan
     motor[np.random.default_rng(5).random(motor.size) < 0.01] = np.nan
-    reach = tb.half_width(GOLAY, PERIOD)
-    parts = [tb.rounding_error(speed[: cut + reach], motor[: cut + reach], SLEWS)[:cut]]
-    parts.append(tb.rounding_error(speed[cut - reach :], motor[cut - reach :], SLEWS)[reach:])
-    assert np.array_equal(np.concatenate(parts), tb.rounding_error(speed, motor, SLEWS), equal_nan=True)
+    before, after = tb.slots_around(wheel)
+    parts = [tb.rounding_error(speed[: cut + after], motor[: cut + after], wheel)[:cut]]
+    parts.append(tb.rounding_error(speed[cut - before :], motor[cut - before :], wheel)[before:])
+    assert np.array_equal(np.concatenate(parts), tb.rounding_error(speed, motor, wheel), equal_nan=True)
 
 
 @given(
