@@ -22,7 +22,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_valida
 from pydantic_core import from_json
 
 from rwa_monitor.errors import InputError
-from rwa_monitor.samples import CHANNELS, MAX_TIME_NS, FloatArray, Samples, Timeliness
+from rwa_monitor.samples import MAX_TIME_NS, TABLE_CHANNELS, FloatArray, Samples, Timeliness
 
 MAX_MESSAGE_BYTES: Final = 8 * 2**20  # 100,000 samples of three channels are some 6 MB
 MAX_SAMPLES: Final = 100_000  # of one message: 3.5 hours at 8 Hz
@@ -181,7 +181,8 @@ class SamplesMessage(Message):
     `publisher` is a random name per start of a publisher and `batch` counts its messages, so that a gap is seen; any
     publisher that writes the arrays is served without them. `data` is "stored" where they were kept before they were
     sent, in any order, and "live" from a publisher of a wheel whose stored samples come, too; such messages are
-    numbered apart. It is "replay" for a recording, or a rehearsal, which is served beside the wheel (`replay_key`).
+    numbered apart. It is "replay" for a recording, or a rehearsal, which is served beside the wheel (`replay_key`). The
+    channels from `angle_rad` on are recorded, and used by searches only.
     """
 
     kind: ClassVar[str] = "samples"
@@ -196,10 +197,14 @@ class SamplesMessage(Message):
     motor_torque_Nm: Readings | None = None
     motor_voltage_V: Readings | None = None
     bearing_temperature_degC: Readings | None = None
+    angle_rad: Readings | None = None
+    body_momentum_Nms: Readings | None = None
+    bus_voltage_V: Readings | None = None
+    drive_power_W: Readings | None = None
 
     @model_validator(mode="after")
     def _equal_lengths(self) -> Self:
-        for name in CHANNELS:
+        for name in TABLE_CHANNELS:
             values = getattr(self, name)
             if values is not None and len(values) != len(self.time_ns):
                 raise ValueError(f"{name} has {len(values)} values, time_ns has {len(self.time_ns)}")
@@ -209,7 +214,7 @@ class SamplesMessage(Message):
         """Return the samples as arrays, NaN where a value was not measured."""
         channels = {
             name: np.array(values, dtype=np.float64)  # None becomes NaN
-            for name in CHANNELS
+            for name in TABLE_CHANNELS
             if (values := getattr(self, name)) is not None
         }
         return Samples(time_ns=np.array(self.time_ns, dtype=np.int64), **channels)
@@ -228,7 +233,7 @@ def samples_json(samples: Samples, publisher: str, batch: int, data: Timeliness 
     """Return samples as the JSON of a `SamplesMessage`, null where a value is not finite."""
     content: dict[str, Any] = {"publisher": publisher, "batch": batch} | ({"data": data} if data else {})
     content["time_ns"] = samples.time_ns.tolist()
-    for name in CHANNELS:
+    for name in TABLE_CHANNELS:
         values: FloatArray | None = getattr(samples, name)
         if values is not None:
             finite = np.isfinite(values)

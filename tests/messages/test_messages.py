@@ -22,7 +22,7 @@ from rwa_monitor.messages import (
     samples_json,
     split_key,
 )
-from rwa_monitor.samples import MAX_TIME_NS, Samples
+from rwa_monitor.samples import MAX_TIME_NS, TABLE_CHANNELS, Samples
 from tests.monitor.support import batch_diagnoses, messages_of, telemetry, wheel
 from tools.schemas import schema_files
 
@@ -60,17 +60,20 @@ def test_what_the_monitor_publishes_fits_the_schemas() -> None:
 FLOATS = st.one_of(st.floats(), st.just(float("nan")))
 
 
-@given(rows=st.lists(st.tuples(st.integers(0, MAX_TIME_NS), FLOATS, FLOATS), min_size=1, max_size=30))
-def test_samples_survive_the_bus(rows: list[tuple[int, float, float]]) -> None:
-    time_ns, speed, friction = (np.array(column) for column in zip(*rows, strict=True))
-    payload = samples_json(Samples(time_ns, speed, friction), "me", 3)
+@given(
+    rows=st.lists(st.tuples(st.integers(0, MAX_TIME_NS), FLOATS, FLOATS), min_size=1, max_size=30),
+    name=st.sampled_from(TABLE_CHANNELS[1:]),
+)
+def test_samples_survive_the_bus(rows: list[tuple[int, float, float]], name: str) -> None:
+    time_ns, speed, other = (np.array(column) for column in zip(*rows, strict=True))
+    payload = samples_json(Samples(time_ns, speed, **{name: other}), "me", 3)
     jsonschema.validate(json.loads(payload), SamplesMessage.json_schema())
     message = SamplesMessage.parse(payload, "key")
     got = message.samples()
     assert (message.publisher, message.batch) == ("me", 3)
     assert got.time_ns.tolist() == time_ns.tolist()
     # What is not finite arrives as not measured, everything else to the last bit.
-    for sent, received in ((speed, got.speed_rad_s), (friction, got.friction_torque_Nm)):
+    for sent, received in ((speed, got.speed_rad_s), (other, getattr(got, name))):
         np.testing.assert_array_equal(received, np.where(np.isfinite(sent), sent, np.nan))
 
 
