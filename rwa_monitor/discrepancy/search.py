@@ -94,7 +94,9 @@ def grow(
         accepted = next(counted, None)
         if accepted is None:
             break
-        nested.append(prune(fitting, _swap(fitting, accepted, testable, progress), keep_last=True))
+        if len(accepted.terms) > 1:  # a first one was chosen among all
+            accepted = _swap(fitting, accepted, testable, progress)
+        nested.append(prune(fitting, accepted, keep_last=True))
         if nested[-1].score >= current.score:
             break
     final = fitting.settled(prune(fitting, min(nested, key=lambda model: model.score)))
@@ -104,8 +106,12 @@ def grow(
 
 
 def rank(fitting: Fitting, grown: SearchResult, progress: Progress = lambda _: None) -> SearchResult:
-    """Find the gain of each effect of the last model, and the effects that are as good in its place."""
-    model, found = grown.nested[-1], []
+    """Find the gain of each effect of the last model, and the effects that are as good in its place.
+
+    Where one is better there, as the noise or the jumps are now known better, it takes that place.
+    """
+    model, found = _swap(fitting, grown.nested[-1], grown.testable, progress), []
+    grown = replace(grown, nested=(*(one for one in grown.nested if set(one.names) < set(model.names)), model))
     for index, name in enumerate(model.names):
         progress(f"in the place of {name}")
         alternatives = fitting.replacements(model, index, grown.testable)
@@ -117,9 +123,9 @@ def rank(fitting: Fitting, grown: SearchResult, progress: Progress = lambda _: N
 
 
 def _swap(fitting: Fitting, model: Model, effects: Effects, progress: Progress) -> Model:
-    """Exchange effects one at a time while the score falls by WORTH_SWAPPING; a single one was chosen among all."""
+    """Exchange effects one at a time while the score falls by WORTH_SWAPPING."""
     index = 0
-    while 1 < len(model.terms) > index:
+    while index < len(model.terms):
         progress(f"in the place of {model.names[index]}")
         alternatives = fitting.replacements(model, index, effects)
         index += 1

@@ -87,6 +87,23 @@ def test_any_of_the_channels_separates_them(cause: str, channel: str) -> None:
     assert sets_of(with_channels(measured(), channel), WRONG[cause]) == [{cause}]
 
 
+def test_what_is_better_in_the_place_of_the_effect_found_first_takes_it() -> None:
+    """The error of the torque constant is found first, at jumps that the one of the inertia makes needless."""
+    wheel, rng = built_in_wheel(), np.random.default_rng(0)
+    period_s, inertia = wheel.sample_period_s, 1.08 * wheel.inertia_kg_m2
+    time_s = np.arange(SLOTS) * period_s
+    speed = 200.0 * np.sin(2 * np.pi * time_s / 250.0) + 60.0 * np.sin(2 * np.pi * time_s / 91.0)
+    friction = wheel.nominal.dry_torque_Nm * np.sign(speed) + wheel.nominal.viscous_Nm_s_rad * speed
+    current = (inertia * np.gradient(speed, period_s) + friction) / wheel.torque_constant_Nm_A
+    samples = Samples(
+        (time_s * 1e9).astype(np.int64),
+        speed + rng.normal(0.0, 0.01, SLOTS),
+        motor_current_A=current + rng.normal(0.0, 5e-4, SLOTS),
+        body_momentum_Nms=-inertia * speed + rng.normal(0.0, 1e-4, SLOTS),
+    )
+    assert sets_of(samples, wheel) == [{"inertia_error"}]
+
+
 @pytest.mark.parametrize("gain", [-0.01, 0.01])
 def test_a_gain_that_is_off_as_far_as_it_may_be_names_nothing(gain: float) -> None:
     assert sets_of(measured(gain), stated()) == []
