@@ -67,8 +67,8 @@
 #endif
 
 namespace rwa {
-using std::abs, std::clamp, std::cos, std::erfc, std::exp, std::floor, std::hypot, std::isfinite, std::isnan, std::log,
-    std::log1p, std::max, std::min, std::pow, std::rint, std::sin, std::sqrt;
+using std::abs, std::clamp, std::erfc, std::exp, std::floor, std::hypot, std::isfinite, std::isnan, std::log, std::log1p,
+    std::max, std::min, std::pow, std::rint, std::sqrt;
 using std::iota, std::swap;
 using std::ranges::all_of, std::ranges::any_of, std::ranges::copy, std::ranges::copy_n,
     std::ranges::fill, std::ranges::fill_n, std::ranges::find, std::ranges::lower_bound, std::ranges::max_element,

@@ -9,16 +9,6 @@ namespace rwa {
 // and peaks are confirmed, differences (over the LAGS after it, too) and directions of rotation stored block by block.
 constexpr int64_t BLOCK = 64;
 
-// The sum of values, a multiple of eight, as eight partial sums: in one order, and vectorised all the same.
-ALWAYS_INLINE double sum_by_eight(const double* values, int64_t count) {
-    double part[8] = {}, total = 0.0;
-    for (int64_t first = 0; first < count; first += 8) {
-        for (int64_t i : range(8)) part[i] += values[first + i];
-    }
-    for (double sum : part) total += sum;
-    return total;
-}
-
 // ---- running sums (running_sums.cpp): the sufficient statistics of any range of slots -------------------------------
 
 constexpr int64_t STRIDE = 16;  // slots from one checkpoint to the next

@@ -65,6 +65,16 @@ double trimmed_variance(Integers counts, int64_t total) {
     return variance;
 }
 
+// The sum of LAGS values, as eight partial sums.
+double sum_of_lags(const double* row) {
+    double part[8] = {}, total = 0.0;
+    for (int64_t lag = 0; lag < LAGS; lag += 8) {
+        for (int64_t i : range(8)) part[i] += row[lag + i];
+    }
+    for (double sum : part) total += sum;
+    return total;
+}
+
 // Friction of a block relative to its first sample, less the block's own slope; 0 where not used.
 VECTORISED void remainders(
     const double* __restrict x, const double* __restrict z, const bool* __restrict used, double slope, double weight,
@@ -145,9 +155,9 @@ tuple<NewFloats, NewFloats> quiet_levels(FloatMatrix sums, FloatMatrix pairs, do
     const auto tail = [](const double* row) { return std::accumulate(row + LAGS - LONG_LAGS, row + LAGS, 0.0); };
     for (int64_t b : range(blocks)) {
         const double* row = &pairs(b, 0);
-        const double count = sum_by_eight(row, LAGS);
+        const double count = sum_of_lags(row);
         if (count == LAGS * BLOCK || *min_element(row, row + LAGS) >= LEAST_PAIRS) {
-            score[b] = sum_by_eight(&sums(b, 0), LAGS) / count;
+            score[b] = sum_of_lags(&sums(b, 0)) / count;
             if (jump_share > 0.0) score[b] = tail(&sums(b, 0)) / tail(row);
         }
         if (isfinite(score[b])) full.push_back(score[b]);
