@@ -37,9 +37,9 @@ void bridge(Floats speed, Vector<double> result, int64_t half, double period_s, 
     }
 }
 
-// The noise of a torque from the lower quartile of its fourth differences: a ramp of some slots affects more than half of
-// those across it.
-double noise_of(Floats torque) {
+// The noise of a torque from its fourth differences: from their median or, where a ramp may affect more than half of them,
+// from their lower quartile.
+double noise_of(Floats torque, bool may_be_ramp) {
     NewFloats differences;
     for (int64_t i : range(torque.size() - 4)) {
         const double outer = torque[i + 4] + torque[i], inner = torque[i + 3] + torque[i + 1];
@@ -47,9 +47,11 @@ double noise_of(Floats torque) {
         if (!isnan(difference)) differences.push_back(difference);
     }
     if (differences.size() < FEWEST_DIFFERENCES) return 0.0;
+    // The variance of a fourth difference is 70σ².
+    if (!may_be_ramp) return median_in_place(differences) / (0.6745 * sqrt(70.0));
     const auto quartile = differences.begin() + differences.size() / 4;
     std::nth_element(differences.begin(), quartile, differences.end());
-    return *quartile / (NORMAL_QUARTILE * sqrt(70.0));  // the variance of a fourth difference is 70σ²
+    return *quartile / (NORMAL_QUARTILE * sqrt(70.0));
 }
 
 // The error of friction for the least-squares parabola through a torque, and its std; zeros where a torque is NaN.
@@ -160,7 +162,7 @@ void rounding_error(
             enough = least_share * abs(here - off - slope_of(speed.slice(k - half, k + half + 1)) / per_torque);
         }
         if (abs(off) + uncertain <= enough) continue;
-        const double noise = noise_of(torque.slice(max<int64_t>(k - noise_slots, 0), k + half + 1));
+        const double noise = noise_of(torque.slice(max<int64_t>(k - noise_slots, 0), k + half + 1), masks);
         const bool sudden = abs(off) > OVER_NOISE * noise;
         if (!(sudden || soft)) continue;
         if (!sudden) {

@@ -23,7 +23,7 @@ FRICTION_CHANNELS: Final[tuple[Source, ...]] = ("friction_torque_Nm", "motor_tor
 # Half-width of the derivative filter [slots] from which the error at a bend of the speed is known, and corrected.
 WIDE_HALF: Final = 8
 FEWEST_AROUND: Final = 3  # slots to either side: in fewer a bend of the speed leaves no degree of freedom
-NOISE_SLOTS: Final = 24  # before a slot, from which the noise of its torque is estimated
+NOISE_SLOTS: Final = 24  # before a slot, from which a narrower filter estimates the noise of its torque
 LEAST_ERROR: Final = 0.02  # of the nominal dry friction, or of friction itself: half of a usual noise; less is harmless
 
 
@@ -111,8 +111,10 @@ def with_window(wheel: Wheel, window_s: float) -> Wheel:
 def slots_around(wheel: Wheel) -> tuple[int, int]:
     """Return how many slots before one and how many after it `corrected_friction` depends on."""
     half = half_width(wheel.friction.derivative, wheel.sample_period_s)
+    if half >= WIDE_HALF:
+        return half, half
     bend = 2 * (half + 1)  # a bend may begin or end so far away
-    return NOISE_SLOTS + bend, half if half >= WIDE_HALF else bend + max(half, FEWEST_AROUND)
+    return NOISE_SLOTS + bend, bend + max(half, FEWEST_AROUND)
 
 
 def derivative_taps(derivative: Derivative, period_s: float) -> FloatArray:
@@ -217,9 +219,11 @@ def rounding_error(
         speed hides steps of the torque.
     soft
         Whether to include gradual bends, significant in the parabola through the window's torques but not in a single
-        one, and to return NaN where friction may jump within a bend, and throughout a bend in a filter of fewer slots
-        than `WIDE_HALF` to either side: there the error depends on when between two samples the torque changed. The
-        search, which has the whole record, fits polynomials over longer windows instead.
+        one, and to return NaN where friction may jump within a bend. The search, which has the whole record, fits
+        polynomials over longer windows instead.
+
+    In a filter of fewer slots than `WIDE_HALF` to either side the error depends on when between two samples the torque
+    changed: a bend is NaN throughout, found as with one window and `soft`.
 
     Returns
     -------
@@ -235,6 +239,7 @@ def rounding_error(
     period_s = wheel.sample_period_s
     taps = derivative_taps(wheel.friction.derivative, period_s)
     half = taps.size // 2
+    narrow = half < WIDE_HALF
     weights = weights_between(wheel)
     error = np.zeros(speed_rad_s.size)
     kernels.rounding_error(
@@ -245,10 +250,10 @@ def rounding_error(
         inertia_of(wheel) * float(np.sqrt(taps @ taps)),
         LEAST_ERROR * wheel.nominal.dry_torque_Nm if wheel.nominal else np.nan,
         LEAST_ERROR,
-        max(windows * half, FEWEST_AROUND),
-        NOISE_SLOTS,
-        soft,
-        soft and half < WIDE_HALF,
+        max(half, FEWEST_AROUND) if narrow else windows * half,
+        NOISE_SLOTS if narrow else half,
+        soft or narrow,
+        narrow,
         error,
     )
     return error
