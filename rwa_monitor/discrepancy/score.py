@@ -263,6 +263,21 @@ SEGMENTS: Final = 20  # segments of the samples: residuals that are one of them 
 FEWEST_SEGMENTS: Final = 1.5  # segments: from fewer, the variance of a residual cannot be estimated
 
 
+def wald(problem: Problem, model: Model) -> FloatArray:
+    """Return the Wald statistic of each term: (size of its torque over its standard deviation)², float64 (terms,).
+
+    Where the residual is noise of the fitted law, that is about the gain of the term (A. Wald, Trans. AMS 54, 1943).
+    Infinite in a record too short to estimate the autocovariance of the residual, and for switching effects: few
+    samples decide on those by nature, and each jump has its penalty.
+    """
+    if problem.size < SEGMENTS * MAX_LAG:
+        return np.full(len(model.terms), np.inf)
+    torques = np.column_stack([term.columns @ model.strengths(i) for i, term in enumerate(model.terms)])
+    std = standard_deviations(problem, model, np.column_stack([torques, problem.speed]))[:-1]
+    squares = np.where(torques.any(axis=0), 1.0 / np.maximum(std**2, TINY), 0.0)
+    return np.where([term.effect.family == "switching" for term in model.terms], np.inf, squares)
+
+
 def standard_deviations(problem: Problem, model: Model, columns: FloatArray) -> FloatArray:
     """Return the standard deviation of the coefficient of each column, of any scale; the levels are estimated, too.
 

@@ -22,6 +22,7 @@ from rwa_monitor.discrepancy.fitting import (
 )
 from rwa_monitor.discrepancy.likelihood import least_gain
 from rwa_monitor.discrepancy.problem import Problem
+from rwa_monitor.discrepancy.score import wald
 from rwa_monitor.discrepancy.terms import Found, Model, SearchResult
 
 MAX_EFFECTS: Final = 4
@@ -106,11 +107,12 @@ def grow(
 
 
 def rank(fitting: Fitting, grown: SearchResult, progress: Progress = lambda _: None) -> SearchResult:
-    """Find the gain of each effect of the last model, and the effects that are as good in its place.
+    """Find the gain of each significant effect of the last model, and the effects that are as good in its place.
 
     Where one is better there, as the noise or the jumps are now known better, it takes that place.
     """
-    model, found = _swap(fitting, grown.nested[-1], grown.testable, progress), []
+    significant = _without_insignificant(fitting, grown.nested[-1])
+    model, found = _swap(fitting, significant, grown.testable, progress), []
     grown = replace(grown, nested=(*(one for one in grown.nested if set(one.names) < set(model.names)), model))
     for index, name in enumerate(model.names):
         progress(f"in the place of {name}")
@@ -120,6 +122,17 @@ def rank(fitting: Fitting, grown: SearchResult, progress: Progress = lambda _: N
         found.append(Found(name, fitting.without(model, index).score - model.score, tuple(equivalent)))
     ranked = tuple(sorted(found, key=lambda entry: -entry.gain))
     return replace(grown, found=ranked)
+
+
+def _without_insignificant(fitting: Fitting, model: Model) -> Model:
+    """Remove effects whose Wald statistic (see `wald`) is below the gain asked, the weakest first."""
+    while model.terms:
+        squares = wald(fitting.problem, model)
+        weakest = int(np.argmin(squares))
+        if squares[weakest] >= least_gain(fitting.problem, len(model.terms) - 1):
+            break
+        model = fitting.without(model, weakest)
+    return model
 
 
 def _swap(fitting: Fitting, model: Model, effects: Effects, progress: Progress) -> Model:

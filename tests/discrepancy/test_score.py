@@ -10,10 +10,10 @@ from rwa_monitor.discrepancy.base_fit import Fit
 from rwa_monitor.discrepancy.find import find_discrepancy
 from rwa_monitor.discrepancy.fitting import Fitting
 from rwa_monitor.discrepancy.likelihood import NO_JUMPS, NoiseLaw, Series
-from rwa_monitor.discrepancy.score import Background, with_law
+from rwa_monitor.discrepancy.score import Background, wald, with_law
 from rwa_monitor.discrepancy.shape_profile import middle_shape
-from rwa_monitor.discrepancy.terms import Model, make_term
-from rwa_monitor.wheel.effects.asymmetry import ViscousAsymmetry
+from rwa_monitor.discrepancy.terms import Model, Term, make_term
+from rwa_monitor.wheel.effects.asymmetry import TorqueBias, ViscousAsymmetry
 from rwa_monitor.wheel.effects.base import MeanEffect
 from rwa_monitor.wheel.effects.drag_laws import QuadraticDrag, SublinearViscous
 from tests.discrepancy.simple import NOISE_NM, WHEEL, record, swing
@@ -79,6 +79,19 @@ def test_a_motion_that_only_reverses_is_searched() -> None:
     speed = 50.0 * np.where(np.arange(600) // 3 % 2 == 0, 1.0, -1.0)
     result = find_discrepancy([("to and fro", record(speed, jumps=())[0])], WHEEL).result
     assert result.gain.changepoints_extended == 0
+
+
+@pytest.mark.parametrize(("share", "low", "high"), [(1.0, 50.0, 120.0), (0.02, 0.0, 8.0)])
+def test_what_a_few_samples_decide_gains_as_much_and_does_not_stand_out(share: float, low: float, high: float) -> None:
+    problem = problem_of(record(swing(8000), jumps=())[0])
+    column = np.random.default_rng(3).choice((-1.0, 1.0), problem.size)
+    torque = np.where(np.arange(problem.size) < share * problem.size, 0.1 * NOISE_NM / share * column, 0.0)
+    problem = replace(problem, z=problem.z + torque)
+    term = Term(TorqueBias, {}, column[:, None], np.array([-np.inf]), np.array([np.inf]), 1.0)
+    nothing = Fit(NO_JUMPS, np.zeros(0), np.zeros(problem.size), np.zeros(problem.size), 0.0)
+    base, model = (with_law(problem, Model(terms, nothing), NoiseLaw()) for terms in ((), (term,)))
+    assert 50.0 < base.score - model.score + problem.log_size < 120.0  # twice the log-likelihood: a hundredth a sample
+    assert low < wald(problem, model)[0] < high
 
 
 @pytest.mark.parametrize(
