@@ -30,7 +30,6 @@ DISAGREEMENT_SHARE: Final = 0.02  # of the largest bias nearby: on a smooth bend
 DISAGREEMENT_STDS: Final = 4.0  # standard deviations of friction between the estimates: one of them includes a corner
 CORNER_REACH: Final = 4  # slots on each side of such a corner that are excluded
 CORNER_EDGE: Final = 2  # slots on each side of a step of torque in which its pulse may be lost in the noise
-CORNER_WINDOWS: Final = 3  # derivative windows over which the speed must bend as a step of torque implies
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,7 +80,9 @@ def derived_friction(speed: FloatArray, torque: FloatArray, wheel: Wheel, torque
     friction = friction + bias
     sigma = spread_of_differences(friction, 2 * hole + 1, torque_step) / np.sqrt(2.0)
     # The bias at a step of torque is not that of a bend, which a polynomial fits.
-    rounding = torque_balance.rounding_error(speed, torque, wheel, CORNER_WINDOWS, soft=False)
+    rounding = torque_balance.rounding_error(speed, torque, wheel, soft=False)
+    if np.isnan(rounding).sum() > np.isfinite(friction + rounding).sum():  # the torque ripples throughout
+        rounding = torque_balance.rounding_error(speed, torque, wheel, soft=False, masks=False)
     known = np.abs(friction[np.isfinite(friction)])
     typical = wheel.nominal.dry_torque_Nm if wheel.nominal else float(np.median(known)) if known.size else 0.0
     agreed = np.abs(rounding + bias) <= max(sigma, torque_balance.LEAST_ERROR * typical)

@@ -383,8 +383,7 @@ def off_steps(term: Term, jumps: IntArray) -> IntArray:
     change = np.abs(np.diff(term.columns, axis=0))
     steps = np.flatnonzero((change > STEP * np.ptp(term.columns, axis=0)).any(axis=1)) + 1
     nearest = np.searchsorted(steps, jumps + AT_STEP, side="right") - np.searchsorted(steps, jumps - AT_STEP)
-    kept: IntArray = jumps[nearest == 0]
-    return kept
+    return np.asarray(jumps[nearest == 0])
 
 
 def _in_order(models: Sequence[Model], effects: Effects) -> list[Model]:

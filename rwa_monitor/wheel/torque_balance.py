@@ -23,6 +23,7 @@ FRICTION_CHANNELS: Final[tuple[Source, ...]] = ("friction_torque_Nm", "motor_tor
 # Half-width of the derivative filter [slots] from which the error at a bend of the speed is known, and corrected.
 WIDE_HALF: Final = 8
 FEWEST_AROUND: Final = 3  # slots to either side: in fewer a bend of the speed leaves no degree of freedom
+CORNER_WINDOWS: Final = 3  # windows of the filter in which the speed must bend as a step of torque implies
 NOISE_SLOTS: Final = 24  # before a slot, from which a narrower filter estimates the noise of its torque
 LEAST_ERROR: Final = 0.02  # of the nominal dry friction, or of friction itself: half of a usual noise; less is harmless
 
@@ -197,7 +198,7 @@ def differentiate_over_gaps(speed_rad_s: FloatArray, derivative: Derivative, per
 
 
 def rounding_error(
-    speed_rad_s: FloatArray, motor_torque_Nm: FloatArray, wheel: Wheel, windows: int = 1, *, soft: bool = True
+    speed_rad_s: FloatArray, motor_torque_Nm: FloatArray, wheel: Wheel, *, soft: bool = True, masks: bool = True
 ) -> FloatArray:
     """Return the error of derived friction where the derivative smooths a bend of the speed.
 
@@ -214,16 +215,14 @@ def rounding_error(
         float64 (n,), consecutive slots, NaN where missing [rad/s, N m].
     wheel
         Gives inertia, sample period, the derivative filter and the unit of torque.
-    windows
-        Width of the window in which the speed must bend, in widths of the filter's window: in a narrow one noise of the
-        speed hides steps of the torque.
     soft
         Whether to include gradual bends, significant in the parabola through the window's torques but not in a single
         one, and to return NaN where friction may jump within a bend. The search, which has the whole record, fits
-        polynomials over longer windows instead.
-
-    In a filter of fewer slots than `WIDE_HALF` to either side the error depends on when between two samples the torque
-    changed: a bend is NaN throughout, found as with one window and `soft`.
+        polynomials over longer windows instead: the speed must bend within `CORNER_WINDOWS`, as in the filter's own
+        noise of the speed hides steps of the torque.
+    masks
+        Whether in a filter of fewer slots than `WIDE_HALF` to either side, where the error depends on when between two
+        samples the torque changed, a bend is NaN throughout, found as with one window and `soft`.
 
     Returns
     -------
@@ -239,7 +238,7 @@ def rounding_error(
     period_s = wheel.sample_period_s
     taps = derivative_taps(wheel.friction.derivative, period_s)
     half = taps.size // 2
-    narrow = half < WIDE_HALF
+    narrow = masks and half < WIDE_HALF
     weights = weights_between(wheel)
     error = np.zeros(speed_rad_s.size)
     kernels.rounding_error(
@@ -250,7 +249,7 @@ def rounding_error(
         inertia_of(wheel) * float(np.sqrt(taps @ taps)),
         LEAST_ERROR * wheel.nominal.dry_torque_Nm if wheel.nominal else np.nan,
         LEAST_ERROR,
-        max(half, FEWEST_AROUND) if narrow else windows * half,
+        max(half, FEWEST_AROUND) if narrow else half if soft else CORNER_WINDOWS * half,
         NOISE_SLOTS if narrow else half,
         soft or narrow,
         narrow,

@@ -1,10 +1,10 @@
-"""The window of dω/dt where a wheel file states none: as wide as its error is not seen, by torque and speed alone."""
+"""Friction derived from torque and speed: the window of dω/dt where a wheel file states none, and bends everywhere."""
 
 import numpy as np
 import pytest
 
-from rwa_monitor.discrepancy.derived_friction import Motion, with_fitting_window
-from rwa_monitor.wheel.torque_balance import differentiate, half_width, inertia_of
+from rwa_monitor.discrepancy.derived_friction import Motion, derived_friction, with_fitting_window
+from rwa_monitor.wheel.torque_balance import differentiate, half_width, inertia_of, with_window
 from rwa_monitor.wheel.wheel import Wheel
 
 PERIOD_S, INERTIA, COUNT = 0.01, 1e-3, 4000
@@ -63,3 +63,13 @@ def test_units_of_the_torque_do_not_matter(scale: float) -> None:
     scaled = WHEEL.model_copy(update={"inertia_kg_m2": INERTIA * scale})
     one = with_fitting_window([Motion(seen.speed_rad_s, scale * seen.torque_Nm, None)], scaled)
     assert half(one) == half(with_fitting_window([seen], WHEEL))
+
+
+def test_a_torque_that_ripples_throughout_is_not_masked_as_bends_of_the_speed() -> None:
+    rng, at = np.random.default_rng(0), np.arange(COUNT) * 2.0 * np.pi / 20.0  # a cogging period of 20 samples
+    friction, driven = DRY_NM + 2e-3 * np.cos(at), DRY_NM + 2e-3 * np.cos(at - 1.0)
+    speed = 10.0 + np.cumsum(driven - friction) * PERIOD_S / INERTIA
+    torque = driven + rng.normal(0.0, 2e-5, COUNT)
+    found = derived_friction(speed, torque, with_window(WHEEL, 6.0 * PERIOD_S), 0.0).friction_Nm
+    assert np.mean(np.isfinite(found)) > 0.9
+    assert np.nanstd(found - friction) < 0.2 * np.std(friction)

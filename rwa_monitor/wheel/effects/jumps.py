@@ -143,7 +143,7 @@ class ExtraSwitchingSystem(SwitchingEffect):
 
 
 FEWEST_SOJOURNS: Final = 5  # or jumps: fewer do not determine a law
-FEWEST_PASSES: Final = 2  # from the lower quarter of the covariate's range to the upper one, or back
+MOST_TREND: Final = 0.5  # share of a covariate's variance that is a straight line over time: one rate is as the other
 STEEPEST: Final = 20.0  # change of the log rate over the covariate's range: beyond, all jumps are at one value
 
 
@@ -202,7 +202,7 @@ class SpeedTriggeredJumps(SwitchingEffect):
         if len(evidence.jumps) < FEWEST_SOJOURNS or everywhere.size < 2 or everywhere.max() == everywhere.min():
             return cls.nothing_found(len(evidence.jumps))
         low, span = float(everywhere.min()), float(everywhere.max() - everywhere.min())
-        if _passes((everywhere - low) / span) < FEWEST_PASSES:
+        if np.corrcoef(everywhere, np.flatnonzero(known))[0, 1] ** 2 > MOST_TREND:
             return cls.nothing_found(len(evidence.jumps))  # cannot be distinguished from a rate that changes with time
         # From 0 to 1 over its range; where it is not known, the mean is taken.
         x = np.where(known, (covariate - low) / span, float((everywhere.mean() - low) / span))
@@ -213,20 +213,13 @@ class SpeedTriggeredJumps(SwitchingEffect):
             grid = np.linspace(c - step, c + step, points)
             c, step = max(grid.tolist(), key=gain), float(grid[1] - grid[0])
         (bounds,) = [(p.low, p.high) for p in cls.parameters if p.name == name]
-        nothing = cls.nothing_found()
         return LikelihoodFit(
-            dict.fromkeys(nothing.values, 0.0) | {name: float(np.clip(c / span, *bounds))},
-            nothing.std | {name: curvature_std(_place_gain(evidence, x), c, 0.05) / span},
+            {**cls().values, name: float(np.clip(c / span, *bounds))},
+            cls.nothing_found().std | {name: curvature_std(_place_gain(evidence, x), c, 0.05) / span},
             max(gain(c), 0.0),
             1,
             len(evidence.jumps),
         )
-
-
-def _passes(x: FloatArray) -> int:
-    """Count how often a covariate in [0, 1] goes from its lower quarter to its upper one, or back."""
-    end = np.where(x < 0.25, -1, np.where(x > 0.75, 1, 0))
-    return int(np.count_nonzero(np.diff(end[end != 0])))
 
 
 def _place_gain(evidence: SwitchingEvidence, x: FloatArray) -> Callable[[float], float]:

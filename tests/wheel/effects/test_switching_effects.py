@@ -103,8 +103,9 @@ def test_a_fast_clock_brings_more_jumps() -> None:
 
 def test_in_one_sweep_a_rate_over_the_speed_is_one_over_time() -> None:
     once = np.linspace(80.0, 0.0, SLOTS)
-    for speed, found in ((once, False), (np.concatenate([once[::2], once[1::2]]), True)):
-        fast = np.flatnonzero(speed > 60.0)[::200].astype(np.int64)
+    swinging = 0.6 * once + 22.0 * (1.0 + np.sin(np.linspace(0.0, 60.0, SLOTS)))
+    for speed, found in ((once, False), (np.concatenate([once[::2], once[1::2]]), True), (swinging, True)):
+        fast = np.flatnonzero(speed > 0.75 * speed.max())[::200].astype(np.int64)
         channels = replace(rich_motion(SLOTS), speed_rad_s=speed, bearing_temperature_degC=None)
         evidence = SwitchingEvidence(channels, channels.good, Jumps(fast, np.ones(fast.size)))
         assert (SpeedTriggeredJumps.fit(evidence).log_likelihood_gain > 0.0) == found
