@@ -1,7 +1,7 @@
 """Searches the validation recordings and compares the answers with expectations written down before any search was run.
 
 `python -m benchmarks.recordings.judge FOLDER` prints a Markdown table; FOLDER holds what `validation` converted, with
-`FOLDER second` what `second_validation` did, and so on up to `FOLDER twentysecond`. An answer is right where it names,
+`FOLDER second` what `second_validation` did, and so on up to `FOLDER twentythird`. An answer is right where it names,
 in a set of look-alikes or alone, one effect of each group that is required (or nothing, where that is acceptable), and
 nothing but what is tolerable beside. Effects of the noise count for nothing; a formula counts as a law of the speed.
 """
@@ -1578,6 +1578,80 @@ TWENTYSECOND: dict[str, Expected] = {
 }
 
 
+# ---- the twenty-third set --------------------------------------------------------------------------------------------
+# Numbers as in the twenty-second set.
+
+# A servo that turns endlessly, its pulse over its speed, which bends up where it turns fast and is read in whole turns
+# a minute: v³ −48, −52 % (gain 12, 22), v² −44, −47 % (10, 16), bent the other way −39, −41 % (8, 10), more at rest
+# −38, −38 % (7, 9), waves along the way −15, −12 % (35, 4); then at most −14 % (6), the stairs −10 % (70) in the first.
+ENDLESS = Expected(
+    ("quadratic_drag stribeck formula",),
+    f"torque_ripple quadratic_drag stribeck formula run_in_drift lubricant_lag {CONCAVE}",
+)
+# The other way it bends down and up again: waves along the way, which follow the stairs, −49, −71 % (gain 55, 65), v³
+# −34, −35 % (−22, −4), v² −27, −26 % (−7, −4); then bent −16, −38 % (23, 19), less at rest −14, −41 % (22, 19).
+ENDLESS_WAVY = Expected((), ENDLESS.beside, nothing=True)
+# A servo whose load is its duty, ten rows a second, what speeds it up in it: dω/dt −36, −38, −45 % (gain 100, 77, 74),
+# a lag −15, −16, −43 % (30, 24, 78), where it turns round −5, −7, −19 % (5, 5, 17); then a lag −9, −12 % (20, 18), less
+# at rest −5, −10 % (9, 14) in two, an offset −19 % (15) in the third.
+SPEEDING = Expected((SLEW,), BALANCED.beside)
+# A wheel that runs down in air: v² −96, −96 % (gain 788, 999), v³ −81, −78 % (683, 619), what dies away −69, −70 %
+# (587, 601), bent the other way −83, −86 % (464, 547); then a lag −3, −58 % (84, 18), waves −12, −73 % (83, 25).
+IN_AIR = Expected(WINDAGE.required, f"{GEARHEAD.beside} stribeck")
+# A propeller in stairs, what speeds it up in its torque: a lag −4, −5 % (gain 247, 143), dω/dt −4, −6 % (200, 132), v²
+# −69, −61 % (91, 65), bent the other way −70, −61 % (91, 63), more at rest −69, −60 % (88, 60), v³ −68, −60 % (83, 61);
+# after a lag v² −84, −75 % (142, 74).
+STAIRS = Expected(AIR_PROPELLER.required, f"{AIR_PROPELLER.beside} {SLEW}")
+
+TWENTYTHIRD: dict[str, Expected] = {
+    # a geared motor, its volts: a short lag −29 % (gain 156), more at rest −26 % (80), bent −17 % (70), time −16 %
+    # (38); then waves −55 % (16), a lag −52 % (15), time −46 % (13)
+    "course_ramp": Expected(
+        (f"stribeck formula run_in_drift lubricant_lag {CONCAVE}",), f"{GEARHEAD.beside} stribeck inertia_error"
+    ),
+    # its sines: a lag −0, −0 % (gain 108, 284), dω/dt −0, −0 % (68, 170), an offset −0, −13 % (−6, 6); after the lag
+    # where it turns round −2, −0 % (50, 67)
+    **dict.fromkeys(("course_sine", "course_chirp"), BALANCED),
+    # an endless servo
+    **dict.fromkeys(("endless", "endless_first"), ENDLESS_WAVY),
+    **dict.fromkeys(("endless_back", "endless_back_first"), Expected(ENDLESS.required, ENDLESS.beside, nothing=True)),
+    # a weight on a strip of card, a spring that is not straight, filmed: waves of the angle −10 % (gain 52), |v| −5 %
+    # (38), an offset with |v| −7 % (34); then a lag −28 % (28), an offset −27 % (27)
+    "card_long": Expected((f"torque_ripple viscous_asymmetry {OFFSET}",), BALANCED.beside),
+    "card_short": BALANCED,  # waves of the angle −10 % (gain 14), dω/dt −0 % (2), a lag −16 % (0)
+    # an egg lifted and let down by two duties: an offset −12 % (gain 5), else at most −1 % (1)
+    "egg_hoist": BALANCED,
+    # a motor that turns another at three speeds: waves along the way −7, −10 % (gain 0, 3), else at most −2 % (−2)
+    **dict.fromkeys(("pair_torque", "pair_current"), Expected((), f"{GEARHEAD.beside} stribeck", nothing=True)),
+    # servos on a bus
+    **dict.fromkeys(("bus_servo", "bus_servo_later", "bus_servo_other"), SPEEDING),
+    "bus_lever": SPEEDING,  # dω/dt −21 % (gain 34), a lag −12 % (15), then at most −3 % (2)
+    # wheels that run down
+    **dict.fromkeys(("front_loose", "front_cleaned"), IN_AIR),
+    # v² −88 % (gain 234), v³ −73 % (213), what dies away −76 % (207), a lag −88 % (188), bent the other way −92 %
+    # (185), time −89 % (184); then a lag −1 % (117), waves −59 % (28)
+    "front_old": Expected(("quadratic_drag formula",), IN_AIR.beside),
+    # a propeller
+    **dict.fromkeys(("rig_stairs", "rig_stairs_later"), STAIRS),
+    # a lag −37 % (gain 378), dω/dt −33 % (164), v² −21 % (−16); after lags v² −67 % (62), bent −66 % (49)
+    "rig_stairs_other": STAIRS,
+    # recordings of one machine
+    "course_sine course_chirp": BALANCED,  # a lag −0 % (gain 314), dω/dt −0 % (206), an offset −3 % (−4)
+    # v³ −34 % (gain −13), v² −26 % (−4), a lag −1 % (65); after it waves −3 % (34), what dies away −1 % (22)
+    "endless_first endless": ENDLESS_WAVY,
+    # v³ −47 % (gain 31), v² −43 % (25), bent the other way −38 % (19), more at rest −36 % (16); then a lag −2 % (27)
+    "endless_back_first endless_back": ENDLESS,
+    # dω/dt −37 % (gain 180), a lag −15 % (57), where it turns round −6 % (14); then a lag −10 % (41), less at rest −7 %
+    "bus_servo bus_servo_later": SPEEDING,
+    # v² −94 % (gain 1785), v³ −79 % (1266), bent the other way −83 % (1030); then waves −4 % (84), a lag −1 % (63)
+    "front_loose front_cleaned": IN_AIR,
+    # a lag −16 % (gain 737), dω/dt −15 % (443); after lags v² −78 % (131), bent −78 % (109), more at rest −77 % (85)
+    "rig_stairs rig_stairs_other": STAIRS,
+    # a lag −4 % (gain 393), dω/dt −4 % (341), v² −66 % (161), bent −66 % (160); after a lag v² −80 % (207)
+    "rig_stairs rig_stairs_later": STAIRS,
+}
+
+
 def is_right(expected: Expected, sets: Iterable[set[str]]) -> bool:
     """Return whether sets of look-alikes, one for each effect that is named, are what was expected."""
     sets = list(sets)
@@ -1602,6 +1676,7 @@ def main() -> None:
     sets |= {"twelfth": TWELFTH, "thirteenth": THIRTEENTH, "fourteenth": FOURTEENTH, "fifteenth": FIFTEENTH}
     sets |= {"sixteenth": SIXTEENTH, "seventeenth": SEVENTEENTH, "eighteenth": EIGHTEENTH}
     sets |= {"nineteenth": NINETEENTH, "twentieth": TWENTIETH, "twentyfirst": TWENTYFIRST, "twentysecond": TWENTYSECOND}
+    sets |= {"twentythird": TWENTYTHIRD}
     print("| recordings | rows | answer | left | RMSE in sample | right |\n|---|---|---|---|---|---|")
     for key, expected in sets[sys.argv[2] if len(sys.argv) > 2 else "first"].items():
         try:
