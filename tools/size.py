@@ -17,7 +17,7 @@ from collections import defaultdict
 from pathlib import Path
 
 ROOT = Path(__file__).parent.parent / "rwa_monitor"
-MOST_FILES, MOST_LINES, MOST_TOKENS, MOST_CONSTANTS = 188, 28_749, 316_644, 808
+MOST_FILES, MOST_LINES, MOST_TOKENS, MOST_CONSTANTS = 188, 28_770, 317_029, 809
 LAYOUT = {
     tokenize.COMMENT,
     tokenize.NL,

@@ -21,7 +21,7 @@ from rwa_monitor.errors import InputError
 from rwa_monitor.samples import NANOSECONDS_PER_SECOND, TABLE_CHANNELS, FloatArray, IntArray, Samples
 from rwa_monitor.wheel.effects.base import Channels, MeanEffect
 from rwa_monitor.wheel.effects.torque_ripple import TorqueRipple
-from rwa_monitor.wheel.torque_balance import friction_torque, inertia_of, with_window, without_motor
+from rwa_monitor.wheel.torque_balance import FRICTION_CHANNELS, friction_torque, inertia_of, with_window, without_motor
 from rwa_monitor.wheel.wheel import Wheel
 from rwa_monitor.words import counted
 
@@ -147,21 +147,23 @@ def _on_one_grid(recordings: Sequence[tuple[str, Samples]], wheel: Wheel) -> Ben
             fitted = _first_in_slots(samples, wheel) if own else _interpolated(with_turns(samples, name), wheel)
             notes.append(f"{name}: {_in_words(samples, fitted, period_s, own=own)}")
         found.append((name, without_motor(fitted, wheel)))
-    made = any(samples.friction_torque_Nm is None and not even[name] for name, samples in recordings)
-    return Bench(found, wheel, notes, made)
+    uneven = (one for _, one in recordings if not is_even(one.time_ns, whole=True))
+    return Bench(found, wheel, notes, any(one.friction_torque_Nm is None for one in uneven))
 
 
 def _segments(recordings: Sequence[tuple[str, Samples]], wheel: Wheel) -> tuple[list[tuple[str, Samples]], list[str]]:
     """Return recordings split at breaks into segments, and one sentence for each recording that was split.
 
-    Breaks of an even clock remain as empty slots if the grid has room for them. Breaks of an uneven clock remain where
-    friction is given, because only a slope of the speed must not extend across a break.
+    Breaks of an even clock remain as empty slots if the grid has room for them, unless the motor is off: each part is
+    a spin-down. Breaks of an uneven clock remain where friction is given, because only a slope of the speed must not
+    extend across a break.
     """
     found, notes = [], []
     for name, samples in recordings:
         steps = np.diff(samples.time_ns)
         sparse = float(steps.sum()) > MAX_GAP_FACTOR * wheel.period_ns * len(samples)
-        apart = sparse if is_even(samples.time_ns) else samples.friction_torque_Nm is None
+        whole = sparse or wheel.friction.motor_off
+        apart = whole if is_even(samples.time_ns) else samples.friction_torque_Nm is None
         after = _breaks(steps) + 1 if apart else np.zeros(0, dtype=np.int64)
         parts = [samples[begin:end] for begin, end in pairwise([0, *after.tolist(), len(samples)])]
         kept = [part for part in parts if len(part) >= SHORTEST_SEGMENT]
@@ -186,12 +188,12 @@ def _breaks(steps_ns: IntArray) -> IntArray:
 
 
 def _is_on_grid(samples: Samples, wheel: Wheel) -> bool:
-    """Return whether the clock is even and, if the speed is measured by pulses, has the wheel's period."""
+    """Return whether the clock is even, no faster than the wheel's and, if pulses give the speed, no slower."""
     even = is_even(samples.time_ns, whole=samples.friction_torque_Nm is None)
-    if wheel.pulses_per_turn is None or len(samples) < 3:
+    if len(samples) < 3:
         return even
     ratio = float(np.median(_steps_s(samples))) / wheel.sample_period_s
-    return even and abs(ratio - 1.0) <= OFF_A_STEP
+    return even and ratio >= 1.0 - OFF_A_STEP and (wheel.pulses_per_turn is None or ratio <= 1.0 + OFF_A_STEP)
 
 
 def with_turns(samples: Samples, source: str) -> Samples:
@@ -277,15 +279,22 @@ def _first_in_slots(samples: Samples, wheel: Wheel) -> Samples:
 
 
 def _interpolated(samples: Samples, wheel: Wheel) -> Samples:
-    """Return all channels linearly interpolated on an even grid; NaN where rows are far apart."""
+    """Return all channels linearly interpolated on an even grid; NaN where rows are far apart.
+
+    The torque's channels are NaN, too, between rows with opposite directions: dry friction changes its sign there.
+    """
     time = samples.time_ns
     grid = np.arange(time[0], time[-1] + 1, wheel.period_ns, dtype=np.int64)
     longest = LONGEST_BRIDGE * float(np.median(np.diff(time)))
-    columns: dict[str, Any] = {
-        name: _interpolate(grid, time, values, longest)
-        for name in TABLE_CHANNELS
-        if (values := getattr(samples, name)) is not None
-    }
+    known = np.isfinite(samples.speed_rad_s)
+    turns = np.diff(np.sign(samples.speed_rad_s[known]), append=0.0) != 0.0
+    across = turns[np.searchsorted(time[known], grid, side="right") - 1] & ~np.isin(grid, time[known])
+    columns: dict[str, Any] = {}
+    for name in TABLE_CHANNELS:
+        if (values := getattr(samples, name)) is not None:
+            columns[name] = _interpolate(grid, time, values, longest)
+            if name in FRICTION_CHANNELS:
+                columns[name][across] = np.nan
     return Samples(time_ns=grid, **columns)
 
 
@@ -338,8 +347,10 @@ def _slopes_in(times: FloatArray, speeds: FloatArray, middle: int) -> FloatArray
 
 
 def _in_words(rows: Samples, fitted: Samples, period_s: float, *, own: bool) -> str:
-    """Return a text of how a recording with an uneven clock was placed on the grid."""
+    """Return a text of how a recording with an uneven clock, or one of its own, was placed on the grid."""
     steps, lost = _steps_s(rows), len(rows) - len(fitted)
+    if is_even(rows.time_ns, whole=True):
+        return f"time steps of {np.median(steps):.4g} s are not the wheel's sample_period_s: they are used in its place"
     uneven = f"time steps are uneven ({steps.min():.3g} to {steps.max():.3g} s, median {np.median(steps):.3g} s)"
     if not own:
         done = f"interpolated by straight lines to {len(fitted)} samples, one each {period_s:.4g} s"

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from scipy.ndimage import binary_dilation, correlate1d, maximum_filter
+from scipy.ndimage import binary_dilation, correlate1d, maximum_filter, uniform_filter1d
 
 from rwa_monitor.discrepancy.bench import LEAST_HALF
 from rwa_monitor.samples import BoolArray, FloatArray, Samples
@@ -81,18 +81,17 @@ def derived_friction(speed: FloatArray, torque: FloatArray, wheel: Wheel, torque
     sigma = spread_of_differences(friction, 2 * hole + 1, torque_step) / np.sqrt(2.0)
     # The bias at a step of torque is not that of a bend, which a polynomial fits.
     rounding = torque_balance.rounding_error(speed, torque, wheel, soft=False)
-    if np.isnan(rounding).sum() > np.isfinite(friction + rounding).sum():  # the torque ripples throughout
-        rounding = torque_balance.rounding_error(speed, torque, wheel, soft=False, masks=False)
-    known = np.abs(friction[np.isfinite(friction)])
-    typical = wheel.nominal.dry_torque_Nm if wheel.nominal else float(np.median(known)) if known.size else 0.0
-    agreed = np.abs(rounding + bias) <= max(sigma, torque_balance.LEAST_ERROR * typical)
-    stepped = (rounding != 0.0) & ~agreed
-    # In wide filters a ripple of the torque is mistaken for a corner too often to exclude slots around each.
-    if hole < torque_balance.WIDE_HALF:
-        stepped = binary_dilation(stepped, iterations=CORNER_EDGE)
-        # A polynomial whose slots include a corner adds a spurious bend around it: its correction is undone.
-        smeared = binary_dilation(stepped, iterations=hole + BIAS_REACH) & (np.abs(bias) < BIAS_STDS * sigma)
-        friction[smeared] -= bias[smeared]
+    # The torque that the filter misses. A smooth bend of the speed is one of the torque, too: they miss as much.
+    missed = correlate1d(torque, torque_balance.averaging_taps(wheel), mode="constant", cval=np.nan) - torque
+    stepped = (rounding != 0.0) & ~(np.abs(bias - missed) < BIAS_STDS * sigma)
+    stepped = binary_dilation(stepped, iterations=CORNER_EDGE)
+    # A polynomial whose slots include a corner adds a spurious bend around it: its correction is undone.
+    around = hole + BIAS_REACH
+    beside = np.where(stepped | np.isnan(missed), 0.0, bias)
+    of_torque, of_speed = (uniform_filter1d(np.nan_to_num(one) * beside, 2 * around + 1) for one in (missed, beside))
+    spurious = binary_dilation(stepped, iterations=around) & (of_torque < 0.5 * of_speed)
+    spurious &= np.abs(bias) < BIAS_STDS * sigma
+    friction[spurious] -= bias[spurious]
     unknown = (np.abs(bias) > BIAS_STDS * sigma) & (uncertainty > BIAS_KNOWN_TO * np.abs(bias))
     # The two estimates may agree by chance in the middle of a corner, but not everywhere around it.
     largest, most_uncertain = (maximum_filter(np.abs(values), 2 * hole + 1) for values in (bias, uncertainty))

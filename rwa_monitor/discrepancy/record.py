@@ -13,6 +13,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from math import comb
 from typing import Final
 
 import numpy as np
@@ -49,6 +50,7 @@ ROUNDING: Final = 1e-5  # of the RMS of a channel: anything smaller is rounding 
 RAMP_SHARE: Final = 0.5  # of the samples: friction that is a ramp on more of them is a command
 SMOOTHER: Final = 0.5  # ratio of second differences, below which those of the speed are mostly noise
 SMOOTHING_WIDTHS: Final = (5, 7, 11, 15, 21, 31, 41)  # slots that a parabola is fitted to, increasing
+NEARLY_ALL: Final = 0.9  # of the square of dω/dt
 SMOOTHING_REACH: Final = 6  # slots beyond the excluded ones, on each side, from which motion is estimated
 
 
@@ -183,12 +185,13 @@ def make_record(samples: Samples, wheel: Wheel, source: str, delay: alignment.De
         assert torque is not None, "there is a source"
         known = derived_friction(speed, torque, wheel, motion.torque_step_Nm)
         friction, corrected, corners, error = known.friction_Nm, known.corrected, known.corners, known.filter_error_Nm
-        hole = half_width(wheel.friction.derivative, wheel.sample_period_s)
+        hole, reach = half_width(wheel.friction.derivative, wheel.sample_period_s), SMOOTHING_REACH
     else:
         hole, corners = min(2, count // 8), 0
+        hole, reach = _fitting_reach(speed, hole)
 
     noise = _speed_noise(speed)
-    channels = _channels(samples, motion, friction, slot, wheel, hole)
+    channels = _channels(samples, motion, friction, slot, wheel, hole, reach)
     good, direction = channels.good, channels.direction
     moving = good & ~_at_rest(speed, noise, wheel.window.dead_band_rad_s) & (direction != 0)
     averaged = averages_over_reversals(speed, np.where(moving, direction * friction, np.nan), noise)
@@ -295,9 +298,9 @@ def temperature_range(records: Sequence[Record]) -> TemperatureRange | None:
 
 
 def _channels(
-    samples: Samples, motion: Motion, friction: FloatArray, slot: IntArray, wheel: Wheel, hole: int
+    samples: Samples, motion: Motion, friction: FloatArray, slot: IntArray, wheel: Wheel, hole: int, reach: int
 ) -> Channels:
-    """Return the motion as given to the effects; the acceleration is estimated without the nearest `hole` slots."""
+    """Return the motion as given to the effects; the acceleration comes from `reach` slots beyond `hole` ones."""
     speed, torque = motion.speed_rad_s, motion.torque_Nm
     turned = wheel_angle(_without_gaps(speed), wheel.sample_period_s)
     measured = _measured_angle(_on_grid(samples.angle_rad, slot), turned)
@@ -305,7 +308,7 @@ def _channels(
         time_s=np.arange(speed.size, dtype=np.float64) * wheel.sample_period_s,
         speed_rad_s=speed,
         direction=np.sign(speed),
-        acceleration_rad_s2=_from_neighbours(speed, hole, SMOOTHING_REACH, order=1) / wheel.sample_period_s,
+        acceleration_rad_s2=_from_neighbours(speed, hole, reach, order=1) / wheel.sample_period_s,
         angle_rad=turned if measured is None else measured,
         motor_torque_Nm=None if torque is None else _from_neighbours(torque, 0, SMOOTHING_REACH, order=0),
         bearing_temperature_degC=_smoothed_slow_channel(_on_grid(samples.bearing_temperature_degC, slot)),
@@ -434,6 +437,28 @@ def _accelerating_torque(torque: FloatArray, friction: FloatArray, channels: Cha
     if wheel.inertia_kg_m2 is None:
         return _from_neighbours(torque - friction, 0, SMOOTHING_REACH, order=0)
     return wheel.inertia_kg_m2 * channels.acceleration_rad_s2
+
+
+def _fitting_reach(speed: FloatArray, hole: int) -> tuple[int, int]:
+    """Return over which slots dω/dt is estimated where friction is given: how many it skips, and how many follow.
+
+    In strokes of a few slots nothing is left of it over the usual ones; then it is estimated from the nearest, whose
+    noise friction may share. Noise is known from the differences of the speed, to which motion only adds.
+    """
+    whole, known = _without_gaps(speed), np.isfinite(speed)
+    noise = min(float(np.mean(np.diff(whole, k) ** 2)) / comb(2 * k, k) for k in range(2, 7))
+    nearest = _from_neighbours(speed, 0, 1, order=1)
+    power = float(np.mean(nearest[known] ** 2)) - noise / 2
+
+    def missed(hole: int, reach: int) -> float:
+        """Return the share of the square of dω/dt that its estimate from these slots misses."""
+        off = _from_neighbours(speed, hole, reach, order=1) - nearest
+        own = noise / (2 * sum(j * j for j in range(hole + 1, hole + reach + 1)))
+        return (float(np.mean(off[known] ** 2)) - noise / 2 + (-own if hole else own)) / power
+
+    if power < noise / 2 or missed(hole, SMOOTHING_REACH) < NEARLY_ALL:
+        return hole, SMOOTHING_REACH
+    return 0, next(reach for reach in (3, 2, 1) if missed(0, reach) < 1 - NEARLY_ALL)
 
 
 def _from_neighbours(values: FloatArray, hole: int, reach: int, order: int) -> FloatArray:

@@ -198,7 +198,7 @@ def differentiate_over_gaps(speed_rad_s: FloatArray, derivative: Derivative, per
 
 
 def rounding_error(
-    speed_rad_s: FloatArray, motor_torque_Nm: FloatArray, wheel: Wheel, *, soft: bool = True, masks: bool = True
+    speed_rad_s: FloatArray, motor_torque_Nm: FloatArray, wheel: Wheel, *, soft: bool = True
 ) -> FloatArray:
     """Return the error of derived friction where the derivative smooths a bend of the speed.
 
@@ -220,9 +220,9 @@ def rounding_error(
         one, and to return NaN where friction may jump within a bend. The search, which has the whole record, fits
         polynomials over longer windows instead: the speed must bend within `CORNER_WINDOWS`, as in the filter's own
         noise of the speed hides steps of the torque.
-    masks
-        Whether in a filter of fewer slots than `WIDE_HALF` to either side, where the error depends on when between two
-        samples the torque changed, a bend is NaN throughout, found as with one window and `soft`.
+
+    In a filter of fewer slots than `WIDE_HALF` to either side the error depends on when between two samples the torque
+    changed: a bend is NaN throughout, found as with one window and `soft`.
 
     Returns
     -------
@@ -238,7 +238,7 @@ def rounding_error(
     period_s = wheel.sample_period_s
     taps = derivative_taps(wheel.friction.derivative, period_s)
     half = taps.size // 2
-    narrow = masks and half < WIDE_HALF
+    narrow = half < WIDE_HALF
     weights = weights_between(wheel)
     error = np.zeros(speed_rad_s.size)
     kernels.rounding_error(

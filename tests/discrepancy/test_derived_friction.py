@@ -73,3 +73,13 @@ def test_a_torque_that_ripples_throughout_is_not_masked_as_bends_of_the_speed() 
     found = derived_friction(speed, torque, with_window(WHEEL, 6.0 * PERIOD_S), 0.0).friction_Nm
     assert np.mean(np.isfinite(found)) > 0.9
     assert np.nanstd(found - friction) < 0.2 * np.std(friction)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_fast_swing_is_neither_masked_nor_taken_for_an_error_of_the_inertia(seed: int) -> None:
+    seen = motion(1.5, 2e-3, seed)
+    found = derived_friction(seen.speed_rad_s, seen.torque_Nm, with_fitting_window([seen], WHEEL), 0.0).friction_Nm
+    known = np.isfinite(found)
+    assert np.mean(known) > 0.8
+    slope = np.gradient(5.0 * np.sin(2.0 * np.pi * np.arange(COUNT) * PERIOD_S / 1.5), PERIOD_S)[known]
+    assert abs(np.polyfit(slope, found[known], 1)[0]) < 2e-3 * INERTIA

@@ -25,6 +25,7 @@ from tests.discrepancy.simple import (
     WHEEL,
     Array,
     current_of,
+    names,
     record,
     sampled,
     search,
@@ -135,6 +136,18 @@ def test_motion_channels_share_no_noise_with_the_friction_of_their_slot() -> Non
     # Both series are smooth over some 20 slots, so that about 1000 values are independent: 4 σ is 0.13.
     assert abs(correlation) < 4 / np.sqrt(friction.size / 20)
     assert np.std(friction) > 0.1 * NOISE_NM
+
+
+@pytest.mark.parametrize("error_kg_m2", [0.0, 2e-5])
+def test_inertia_shows_in_strokes_of_a_few_samples(error_kg_m2: float) -> None:
+    # 80 strokes to and fro, five samples each, with rests left out: the usual slope over 17 slots shows none.
+    rng = np.random.default_rng(0)
+    stroke = np.sin(np.pi * np.arange(6) / 6)
+    tops = rng.uniform(50.0, 100.0, 80) * np.tile([1.0, -1.0], 40)
+    speed = np.concatenate([np.append(top * stroke, np.zeros(rng.integers(1, 9))) for top in tops])
+    effect = error_kg_m2 * np.gradient(speed, PERIOD_S)
+    samples, _ = record(speed, (), lambda speed, level: effect)
+    assert names(search(samples[speed != 0.0]))[:1] == ["inertia_error"] * (error_kg_m2 > 0.0)
 
 
 @pytest.mark.parametrize("backwards", [False, True])
