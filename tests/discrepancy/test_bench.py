@@ -252,44 +252,6 @@ def test_a_table_faster_than_the_wheel_files_period_is_read_by_its_own(given: bo
     assert found.problem.size > 2900
 
 
-def test_a_slope_of_the_speed_reaches_over_no_more_than_a_log_is_whole() -> None:
-    rng = np.random.default_rng(0)
-    time = 0.02 * np.arange(3000)
-    speed = 11.0 + 9.0 * np.sin(0.2 * time)
-    torque = 0.5 * 1.8 * np.cos(0.2 * time) + drag(speed, WINDAGE)
-    table = samples(time, speed, motor_torque_Nm=torque + 1e-3 * rng.normal(size=3000))[np.arange(3000) % 90 < 80]
-    wheel = Wheel(name="log in pieces", sample_period_s=0.02, inertia_kg_m2=0.5)  # its window would be of 101 samples
-    assert names(find_discrepancy([("log", table)], wheel)) == ["quadratic_drag"]
-
-
-def test_torque_is_not_interpolated_over_a_reversal() -> None:
-    rng = np.random.default_rng(26)
-    time = 0.125 * np.flatnonzero(rng.random(4000) > 0.12)  # every eighth sample is lost
-    speed = 140.0 * np.sin(time / 15.0) + 60.0 * np.sin(time / 4.0)
-    torque = 0.01 * np.gradient(speed, time) + 2e-3 * np.sign(speed) + 1e-5 * speed
-    log = samples(time, speed, motor_torque_Nm=torque + 1e-4 * rng.normal(size=time.size))
-    (_, even), *_ = as_measured([("log", log)], Wheel(name="on", sample_period_s=0.125, inertia_kg_m2=0.01)).recordings
-    lost = np.isfinite(even.speed_rad_s) & np.isnan(even.motor_torque_Nm)
-    assert 0 < np.count_nonzero(lost) < 10
-    assert np.all(np.abs(even.speed_rad_s[lost]) < 5.0)
-
-
-@pytest.mark.parametrize("given", [False, True])
-def test_a_table_faster_than_the_wheel_files_period_is_read_by_its_own(given: bool) -> None:
-    rng, time = np.random.default_rng(0), 0.1 * np.arange(3000)
-    speed = 11.0 + 9.0 * np.sin(0.2 * time)
-    friction = drag(speed, WINDAGE) + 1e-3 * rng.normal(size=time.size)
-    channels = {} if given else {"motor_torque_Nm": 0.5 * 1.8 * np.cos(0.2 * time) + friction}
-    table = samples(time, speed, friction if given else None, **channels)
-    wheel = Wheel(name="on", sample_period_s=1.0, inertia_kg_m2=0.5)
-    made = as_measured([("log", table)], wheel)
-    assert made.wheel.sample_period_s == pytest.approx(0.1)
-    assert made.notes == ["log: time steps of 0.1 s are not the wheel's sample_period_s: they are used in its place"]
-    found = find_discrepancy([("log", table)], wheel)
-    assert names(found)[0] == "quadratic_drag"
-    assert found.problem.size > 2900
-
-
 def slipping(seed: int = 0, rows: int = 4000) -> tuple[Samples, Array]:
     """Return samples with a ripple at three a turn of a shaft that slips at every fourth row or so, and its angle."""
     rng, fine = np.random.default_rng(seed), 50  # the wheel makes five turns from row to row
