@@ -29,7 +29,7 @@ from rwa_monitor.discrepancy.problem import (
     in_turn,
     long_run_variance,
 )
-from rwa_monitor.discrepancy.record import Record
+from rwa_monitor.discrepancy.record import Record, left_out_in_words
 from rwa_monitor.errors import InputError
 from rwa_monitor.kernels.segmentation import decafs, fpop, segment_sums
 from rwa_monitor.samples import TINY, FloatArray, IntArray
@@ -84,10 +84,11 @@ def make_problem(records: Sequence[Record], wheel: Wheel, each: Mapper = in_turn
     """
     z = np.concatenate([(np.sign(r.channels.speed_rad_s) * r.friction_torque_Nm)[r.used] for r in records])
     if z.size < MIN_USED:
+        why = left_out_in_words(records)
         raise InputError(
             ", ".join(r.source for r in records),
-            f"only {z.size} good samples in motion; at least {MIN_USED} are needed: add rows, or further recordings of"
-            " the same wheel",
+            f"only {z.size} good samples in motion{why and f' ({why})'}; at least {MIN_USED} are needed: add rows, or"
+            " further recordings of the same wheel",
         )
     speed = np.concatenate([np.abs(r.viscous_speed_rad_s)[r.used] for r in records])
     sign = np.concatenate([r.channels.direction[r.used] for r in records])

@@ -287,8 +287,8 @@ def _interpolated(samples: Samples, wheel: Wheel) -> Samples:
     grid = np.arange(time[0], time[-1] + 1, wheel.period_ns, dtype=np.int64)
     longest = LONGEST_BRIDGE * float(np.median(np.diff(time)))
     known = np.isfinite(samples.speed_rad_s)
-    turns = np.diff(np.sign(samples.speed_rad_s[known]), append=0.0) != 0.0
-    across = turns[np.searchsorted(time[known], grid, side="right") - 1] & ~np.isin(grid, time[known])
+    turns = np.diff(np.sign(samples.speed_rad_s[known]), prepend=0.0, append=0.0) != 0.0
+    across = turns[np.searchsorted(time[known], grid, side="right")] & ~np.isin(grid, time[known])
     columns: dict[str, Any] = {}
     for name in TABLE_CHANNELS:
         if (values := getattr(samples, name)) is not None:

@@ -50,7 +50,7 @@ ROUNDING: Final = 1e-5  # of the RMS of a channel: anything smaller is rounding 
 RAMP_SHARE: Final = 0.5  # of the samples: friction that is a ramp on more of them is a command
 SMOOTHER: Final = 0.5  # ratio of second differences, below which those of the speed are mostly noise
 SMOOTHING_WIDTHS: Final = (5, 7, 11, 15, 21, 31, 41)  # slots that a parabola is fitted to, increasing
-NEARLY_ALL: Final = 0.9  # of the square of dω/dt
+NEARLY_ALL: Final = 0.9  # of the square of dω/dt, for which slots are then used that miss no more than the rest
 SMOOTHING_REACH: Final = 6  # slots beyond the excluded ones, on each side, from which motion is estimated
 
 
@@ -166,7 +166,6 @@ def make_record(samples: Samples, wheel: Wheel, source: str, delay: alignment.De
     check_plausible(samples, wheel, source)
     measured, samples = samples, with_turns(without_end_stops(samples, source), source)
     slot = _slots_of(samples, wheel, source)
-    count = int(slot[-1]) + 1
     read = source_of(samples, wheel, source)
     motion = _motion(samples, wheel, slot, read)
     if motion.torque_Nm is not None:
@@ -187,8 +186,7 @@ def make_record(samples: Samples, wheel: Wheel, source: str, delay: alignment.De
         friction, corrected, corners, error = known.friction_Nm, known.corrected, known.corners, known.filter_error_Nm
         hole, reach = half_width(wheel.friction.derivative, wheel.sample_period_s), SMOOTHING_REACH
     else:
-        hole, corners = min(2, count // 8), 0
-        hole, reach = _fitting_reach(speed, hole)
+        (hole, reach), corners = _fitting_reach(speed), 0
 
     noise = _speed_noise(speed)
     channels = _channels(samples, motion, friction, slot, wheel, hole, reach)
@@ -225,7 +223,7 @@ def _is_command(friction_Nm: FloatArray, speed_rad_s: FloatArray) -> bool:
     error. Both arrays are float64 (n,).
     """
     bend, of_speed = (
-        np.abs(np.diff(values, 2)) > ROUNDING * np.sqrt(np.nanmean(values**2)) for values in (friction_Nm, speed_rad_s)
+        np.abs(np.diff(one, 2)) > ROUNDING * np.sqrt(np.nansum(one**2) / one.size) for one in (friction_Nm, speed_rad_s)
     )
     known = np.isfinite(np.diff(friction_Nm, 2) + np.diff(speed_rad_s, 2))
     ramp = known & ~bend & of_speed & (friction_Nm[2:] != friction_Nm[:-2])
@@ -439,13 +437,15 @@ def _accelerating_torque(torque: FloatArray, friction: FloatArray, channels: Cha
     return wheel.inertia_kg_m2 * channels.acceleration_rad_s2
 
 
-def _fitting_reach(speed: FloatArray, hole: int) -> tuple[int, int]:
+def _fitting_reach(speed: FloatArray) -> tuple[int, int]:
     """Return over which slots dω/dt is estimated where friction is given: how many it skips, and how many follow.
 
     In strokes of a few slots nothing is left of it over the usual ones; then it is estimated from the nearest, whose
     noise friction may share. Noise is known from the differences of the speed, to which motion only adds.
     """
-    whole, known = _without_gaps(speed), np.isfinite(speed)
+    usual, whole, known = (min(2, speed.size // 8), SMOOTHING_REACH), _without_gaps(speed), np.isfinite(speed)
+    if not usual[0] or not known.any():
+        return usual
     noise = min(float(np.mean(np.diff(whole, k) ** 2)) / comb(2 * k, k) for k in range(2, 7))
     nearest = _from_neighbours(speed, 0, 1, order=1)
     power = float(np.mean(nearest[known] ** 2)) - noise / 2
@@ -456,8 +456,8 @@ def _fitting_reach(speed: FloatArray, hole: int) -> tuple[int, int]:
         own = noise / (2 * sum(j * j for j in range(hole + 1, hole + reach + 1)))
         return (float(np.mean(off[known] ** 2)) - noise / 2 + (-own if hole else own)) / power
 
-    if power < noise / 2 or missed(hole, SMOOTHING_REACH) < NEARLY_ALL:
-        return hole, SMOOTHING_REACH
+    if power <= noise / 2 or missed(*usual) < NEARLY_ALL:
+        return usual
     return 0, next(reach for reach in (3, 2, 1) if missed(0, reach) < 1 - NEARLY_ALL)
 
 
