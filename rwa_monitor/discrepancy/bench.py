@@ -188,12 +188,13 @@ def _breaks(steps_ns: IntArray) -> IntArray:
 
 
 def _is_on_grid(samples: Samples, wheel: Wheel) -> bool:
-    """Return whether the clock is even, no faster than the wheel's and, if pulses give the speed, no slower."""
+    """Return whether the clock is even and not far faster than the wheel's; with pulses it must have that period."""
     even = is_even(samples.time_ns, whole=samples.friction_torque_Nm is None)
     if len(samples) < 3:
         return even
     ratio = float(np.median(_steps_s(samples))) / wheel.sample_period_s
-    return even and ratio >= 1.0 - OFF_A_STEP and (wheel.pulses_per_turn is None or ratio <= 1.0 + OFF_A_STEP)
+    own = NEAR_PERIOD[0] <= ratio if wheel.pulses_per_turn is None else abs(ratio - 1.0) <= OFF_A_STEP
+    return even and own
 
 
 def with_turns(samples: Samples, source: str) -> Samples:
