@@ -80,7 +80,7 @@ def derived_friction(speed: FloatArray, torque: FloatArray, wheel: Wheel, torque
     friction = friction + bias
     sigma = spread_of_differences(friction, 2 * hole + 1, torque_step) / np.sqrt(2.0)
     # The bias at a step of torque is not that of a bend, which a polynomial fits.
-    rounding = torque_balance.rounding_error(speed, torque, wheel, soft=False)
+    rounding = torque_balance.rounding_error(speed, torque, wheel)
     # The torque that the filter misses. A smooth bend of the speed is one of the torque, too: they miss as much.
     missed = correlate1d(torque, torque_balance.averaging_taps(wheel), mode="constant", cval=np.nan) - torque
     stepped = (rounding != 0.0) & ~(np.abs(bias - missed) < BIAS_STDS * sigma)

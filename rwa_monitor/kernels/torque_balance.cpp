@@ -133,7 +133,7 @@ Share share_beside(int degree, Floats shape, Floats speed) {
 // `least_Nm` is NaN where the wheel's nominal friction is not known; then the limit is a share of friction itself.
 void rounding_error(
     Floats speed, Floats torque, Floats weights, double per_torque, double noise_gain, double least_Nm,
-    double least_share, int64_t reach, int64_t noise_slots, bool soft, bool masks, Vector<double> error) {
+    double least_share, int64_t reach, int64_t noise_slots, bool masks, Vector<double> error) {
     const int64_t half = weights.size(), n = speed.size();
     NewFloats shape(2 * reach + 1);  // the speed that the torque alone would give [rad/s]
     const Vector<double> bend(shape);
@@ -164,7 +164,6 @@ void rounding_error(
         if (abs(off) + uncertain <= enough) continue;
         const double noise = noise_of(torque.slice(max<int64_t>(k - noise_slots, 0), k + half + 1), masks);
         const bool sudden = abs(off) > OVER_NOISE * noise;
-        if (!(sudden || soft)) continue;
         if (!sudden) {
             // A bend as long as the window is significant in a parabola through the torque long before it is in a
             // sample.
@@ -183,7 +182,7 @@ void rounding_error(
         const Share line = share_beside(1, bent, around);
         if (line.share <= max(MOVES_THE_ROTOR, CLEAR_STDS * line.std)) continue;
         bool known = uncertain <= max(enough, CERTAIN_STDS * noise_gain * line.left_over);
-        if (soft && known && abs(off) > OVER_NOISE * max(noise, noise_gain * line.left_over)) {
+        if (known && abs(off) > OVER_NOISE * max(noise, noise_gain * line.left_over)) {
             // Friction may jump while the torque bends smoothly. The speed follows the bend and not the jump:
             // its residual from a cubic, the speed under a torque that is a parabola, separates the two.
             const Share cubic = share_beside(3, bent, around);

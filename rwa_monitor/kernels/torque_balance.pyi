@@ -13,7 +13,6 @@ def rounding_error(
     least_share: float,
     reach: int,
     noise_slots: int,
-    soft: bool,
     masks: bool,
     error: FloatArray,
 ) -> None:
@@ -33,6 +32,6 @@ def rounding_error(
         Smaller errors are ignored: least_Nm or, where that is NaN, least_share of the friction there.
     reach, noise_slots
         Slots to either side in which the speed must bend, and before, from which the torque's noise is estimated.
-    soft, masks
-        As for the public function; whether each error is NaN, and the gaps between errors within a bend.
+    masks
+        Whether each error is NaN, and the gaps between errors within a bend.
     """

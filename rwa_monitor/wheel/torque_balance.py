@@ -23,7 +23,6 @@ FRICTION_CHANNELS: Final[tuple[Source, ...]] = ("friction_torque_Nm", "motor_tor
 # Half-width of the derivative filter [slots] from which the error at a bend of the speed is known, and corrected.
 WIDE_HALF: Final = 8
 FEWEST_AROUND: Final = 3  # slots to either side: in fewer a bend of the speed leaves no degree of freedom
-CORNER_WINDOWS: Final = 3  # windows of the filter in which the speed must bend as a step of torque implies
 NOISE_SLOTS: Final = 24  # before a slot, from which a narrower filter estimates the noise of its torque
 LEAST_ERROR: Final = 0.02  # of the nominal dry friction, or of friction itself: half of a usual noise; less is harmless
 
@@ -197,9 +196,7 @@ def differentiate_over_gaps(speed_rad_s: FloatArray, derivative: Derivative, per
     return result
 
 
-def rounding_error(
-    speed_rad_s: FloatArray, motor_torque_Nm: FloatArray, wheel: Wheel, *, soft: bool = True
-) -> FloatArray:
+def rounding_error(speed_rad_s: FloatArray, motor_torque_Nm: FloatArray, wheel: Wheel) -> FloatArray:
     """Return the error of derived friction where the derivative smooths a bend of the speed.
 
     The motor's torque steps when a slew begins or ends, and dω/dt with it. The filter's slope does not: it is an
@@ -207,7 +204,9 @@ def rounding_error(
     A step of torque that balances a step of friction, at a jump or a reversal, does not bend the speed and causes no
     error. So a slot has an error where two conditions hold: the torque differs from its average with the same weights
     by more than its noise, and within the window the speed bends as that torque, less its mean, bends a free rotor's
-    (least squares, together with a straight line).
+    (least squares, together with a straight line). Gradual bends are significant in the parabola through the window's
+    torques only. Where friction may jump within a bend, and throughout a bend in a filter of fewer slots than
+    `WIDE_HALF` to either side, whose error depends on when between two samples the torque changed, it is not known.
 
     Parameters
     ----------
@@ -215,14 +214,6 @@ def rounding_error(
         float64 (n,), consecutive slots, NaN where missing [rad/s, N m].
     wheel
         Gives inertia, sample period, the derivative filter and the unit of torque.
-    soft
-        Whether to include gradual bends, significant in the parabola through the window's torques but not in a single
-        one, and to return NaN where friction may jump within a bend. The search, which has the whole record, fits
-        polynomials over longer windows instead: the speed must bend within `CORNER_WINDOWS`, as in the filter's own
-        noise of the speed hides steps of the torque.
-
-    In a filter of fewer slots than `WIDE_HALF` to either side the error depends on when between two samples the torque
-    changed: a bend is NaN throughout, found as with one window and `soft`.
 
     Returns
     -------
@@ -249,9 +240,8 @@ def rounding_error(
         inertia_of(wheel) * float(np.sqrt(taps @ taps)),
         LEAST_ERROR * wheel.nominal.dry_torque_Nm if wheel.nominal else np.nan,
         LEAST_ERROR,
-        max(half, FEWEST_AROUND) if narrow else half if soft else CORNER_WINDOWS * half,
+        max(half, FEWEST_AROUND),
         NOISE_SLOTS if narrow else half,
-        soft or narrow,
         narrow,
         error,
     )
