@@ -34,7 +34,7 @@ SYSTEM: Final = 1.6
 ANOMALIES: Final = ("dry", "viscous", "system_1")
 SENSORS: Final = {True: "friction is given", False: "friction from current and speed"}
 SYSTEMS: Final = {False: "seldom", True: "often"}
-LOOKED_AT: Final = 3  # the last of the seeds, from 1 on, that were run so far
+LOOKED_AT: Final = 4  # the last of the seeds, from 1 on, that were run so far
 Result = tuple[str, frozenset[str]]  # the verdict, and the anomalies found where it is anomalous
 
 
