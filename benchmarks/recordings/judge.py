@@ -1,7 +1,7 @@
 """Searches the validation recordings and compares the answers with expectations written down before any search was run.
 
 `python -m benchmarks.recordings.judge FOLDER` prints a Markdown table; FOLDER holds what `validation` converted, with
-`FOLDER second` what `second_validation` did, and so on up to `FOLDER twentythird`. An answer is right where it names,
+`FOLDER second` what `second_validation` did, and so on up to `FOLDER twentyfourth`. An answer is right where it names,
 in a set of look-alikes or alone, one effect of each group that is required (or nothing, where that is acceptable), and
 nothing but what is tolerable beside. Effects of the noise count for nothing; a formula counts as a law of the speed.
 """
@@ -1652,6 +1652,75 @@ TWENTYTHIRD: dict[str, Expected] = {
 }
 
 
+# ---- the twenty-fourth set -------------------------------------------------------------------------------------------
+# Numbers as in the twenty-second set.
+
+# A geared motor in one flight of stairs: v³ and v² with the wrong sign −19, −24 % (gain 228, 113; 221, 111), waves that
+# follow the stairs −19, −27 % (222, 130), a slope that falls with time −19, −26 % (218, 123), bent −18, −23 % (190,
+# 98), a lag −16, −24 % (175, 108), what dies away −14, −17 % (131, 60); then a lag −17 % (70) or dω/dt −5 % (33).
+FLIGHT = Expected(
+    (f"stribeck formula run_in_drift lubricant_lag {CONCAVE}",),
+    f"torque_ripple stribeck formula run_in_drift {CONCAVE} {SLEW}",
+)
+# A lever that follows another, the zero of its torque or of its force sensor beside the friction: an offset −88, −73,
+# −90 % (gain 44, 34, 42), an offset with |v| −88, −73, −90 % (38, 28, 39); less at rest −0 % (5, 73, 416), what dies
+# away −0 % (149, 35, 55), dω/dt −0 % (66, 39); after them an offset −88, −74, −91 % (22, 38, 69).
+LEVER = Expected((f"viscous_asymmetry {OFFSET}",), LIFTED)
+# Wheels in stairs of their duty, which bend up: v² −55, −63 % (gain −53, 61), a slope that grows with time −64, −63 %
+# (54, 77), time −52, −27 % (137, 29), waves −2, −62 % (44, 64), a lag −5, −10 % (342, 184); after the lag, which is the
+# noise of a speed under a steady duty, v² −74, −72 % (74, 116), bent −69, −67 % (75, 102).
+UP_STAIRS = Expected(
+    ("quadratic_drag stribeck formula run_in_drift lubricant_lag",),
+    f"torque_ripple quadratic_drag stribeck formula run_in_drift {CONCAVE} {SLEW}",
+)
+
+TWENTYFOURTH: dict[str, Expected] = {
+    # a geared motor
+    **dict.fromkeys(("padua_up", "padua_down"), FLIGHT),
+    "padua_triangle": BALANCED,  # dω/dt −0 % (gain 6), a lag −0 % (4), else at most −1 % (−4)
+    # a beam that swings on its hub, a spring that is not straight: waves of the angle −13 % (gain 114), dω/dt −0 % (4)
+    "padua_beam": Expected((f"torque_ripple {SLEW}",), BALANCED.beside),
+    # levers
+    **dict.fromkeys(("haptic_follows", "haptic_follows_b", "haptic_hand"), LEVER),
+    # dω/dt −4 % (gain 209), a lag −4 % (158), an offset with |v| −62 % (20); after them an offset −76 % (18)
+    "haptic_follows_c": BALANCED,
+    "haptic_slave": BALANCED,  # less at rest −1 % (gain 65), bent −0 % (59), a lag −2 % (12), an offset −3 % (−3)
+    # legs of robot dogs: where it turns round −1, −1, −2 % (gain 19, 17, 120), less at rest −1, −1, −4 % (19, 9, 93), a
+    # lag −0 % (11, 18, 114)
+    **dict.fromkeys(("dog_calf", "dog_calf_later", "dog_old_calf"), BALANCED),
+    # a brushless motor's duty: dω/dt −1 % (gain 421), a lag −1 % (224), more at rest −2 % (77), v² −2 % (−6)
+    "duty_motor": Expected((), f"quadratic_drag {BALANCED.beside}", nothing=True),
+    # the base of a small arm, what speeds it up in its current: dω/dt −30 % (gain 270), more at rest −1 % (58), a lag
+    # −27 % (30), waves −25 % (21); then more at rest −4 % (81)
+    "arm_turns": Expected((SLEW,), f"quadratic_drag {BALANCED.beside}"),
+    # slowly: dω/dt −9, −11 % (gain 128, 68), a lag −0, −15 % (58, 22), an offset −4, −14 % (0, 17)
+    "arm_sweep": BALANCED,
+    "arm_ramps": Expected((SLEW,), BALANCED.beside),
+    "arm_wrist": Expected((), f"quadratic_drag {BALANCED.beside}", nothing=True),  # where it turns −2 % (gain 34)
+    # wheels in stairs
+    **dict.fromkeys(("duty_right", "duty_right_short"), UP_STAIRS),
+    # a lag −21 % (gain 646), time −20 % (159), waves −23 % (92), the slope with time −17 % (60), v² −11 % (31)
+    "duty_left": UP_STAIRS,
+    # a lag, noise as above, −25 % (gain 215), waves −16 % (25), time −6 % (13), v² −2 % (−2)
+    "duty_left_short": Expected((), UP_STAIRS.beside, nothing=True),
+    # recordings of one machine
+    # waves −35 % (gain 305), |v| −26 % (160), v³, v² with the wrong sign −11 % (48), bent −10 % (44), a lag −4 % (213)
+    "padua_up padua_down": Expected((f"viscous_asymmetry {OFFSET}",), LIFTED),
+    # an offset −79 % (gain 71), what dies away, less at rest −0 % (118, 100); after them an offset −79 % (37)
+    "haptic_follows haptic_follows_b": LEVER,
+    # dω/dt −2 % (gain 367), an offset with |v| −72 % (49), an offset −71 % (40); after a lag an offset −80 % (53)
+    "haptic_follows haptic_follows_c": LEVER,
+    "dog_calf dog_calf_later": BALANCED,  # where it turns round −1 % (gain 44), a lag −0 % (39), bent −1 % (34)
+    # dω/dt −26 % (gain 378), more at rest −3 % (106), a lag −22 % (43); then more at rest −6 % (176)
+    "arm_turns arm_sweep": Expected((SLEW,), f"quadratic_drag {BALANCED.beside}"),
+    # a slope that grows with time −62 % (gain 163), waves −62 % (160), time −41 % (154), v² −52 % (5); after a lag v²
+    # −63 % (198)
+    "duty_right duty_right_short": UP_STAIRS,
+    # a lag −17 % (gain 882), time −20 % (167), waves −16 % (82), the slope with time −9 % (41), v² −3 % (2)
+    "duty_left duty_left_short": UP_STAIRS,
+}
+
+
 def is_right(expected: Expected, sets: Iterable[set[str]]) -> bool:
     """Return whether sets of look-alikes, one for each effect that is named, are what was expected."""
     sets = list(sets)
@@ -1676,7 +1745,7 @@ def main() -> None:
     sets |= {"twelfth": TWELFTH, "thirteenth": THIRTEENTH, "fourteenth": FOURTEENTH, "fifteenth": FIFTEENTH}
     sets |= {"sixteenth": SIXTEENTH, "seventeenth": SEVENTEENTH, "eighteenth": EIGHTEENTH}
     sets |= {"nineteenth": NINETEENTH, "twentieth": TWENTIETH, "twentyfirst": TWENTYFIRST, "twentysecond": TWENTYSECOND}
-    sets |= {"twentythird": TWENTYTHIRD}
+    sets |= {"twentythird": TWENTYTHIRD, "twentyfourth": TWENTYFOURTH}
     print("| recordings | rows | answer | left | RMSE in sample | right |\n|---|---|---|---|---|---|")
     for key, expected in sets[sys.argv[2] if len(sys.argv) > 2 else "first"].items():
         try:
