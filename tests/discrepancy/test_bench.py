@@ -252,6 +252,16 @@ def test_a_table_faster_than_the_wheel_files_period_is_read_by_its_own(given: bo
     assert found.problem.size > 2900
 
 
+def test_a_slope_of_the_speed_reaches_over_no_more_than_a_log_is_whole() -> None:
+    rng = np.random.default_rng(0)
+    time = 0.02 * np.arange(3000)
+    speed = 11.0 + 9.0 * np.sin(0.2 * time)
+    torque = 0.5 * 1.8 * np.cos(0.2 * time) + drag(speed, WINDAGE)
+    table = samples(time, speed, motor_torque_Nm=torque + 1e-3 * rng.normal(size=3000))[np.arange(3000) % 90 < 80]
+    wheel = Wheel(name="log in pieces", sample_period_s=0.02, inertia_kg_m2=0.5)  # its window would be of 101 samples
+    assert names(find_discrepancy([("log", table)], wheel)) == ["quadratic_drag"]
+
+
 def slipping(seed: int = 0, rows: int = 4000) -> tuple[Samples, Array]:
     """Return samples with a ripple at three a turn of a shaft that slips at every fourth row or so, and its angle."""
     rng, fine = np.random.default_rng(seed), 50  # the wheel makes five turns from row to row
