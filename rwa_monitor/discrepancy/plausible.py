@@ -341,8 +341,8 @@ class MeasuredConstant:
     def in_words(self) -> str:
         """Return the constant in words."""
         words = (
-            f"{self.channel} shows a {self.quantity} of {self.measured:.4g} ± {self.whole_std:.1g} {self.unit},"
-            f" {self.measured / self.stated:.4g} times that of the wheel file"
+            f"{self.channel}: the {self.quantity} is {self.measured:.4g} ± {self.whole_std:.1g} {self.unit}"
+            f" ({self.measured / self.stated - 1.0:+.2%} from the wheel file)"
         )
         return words if self.is_used else f"{words}: not used; is it in another unit, or of body and wheel together?"
 
