@@ -90,8 +90,7 @@ def derived_friction(speed: FloatArray, torque: FloatArray, wheel: Wheel, torque
     spurious = binary_dilation(stepped, iterations=around) & (of_torque < 0.5 * of_speed)
     spurious &= np.abs(bias) < BIAS_STDS * sigma
     friction[spurious] -= bias[spurious]
-    unknown = (np.abs(bias) > BIAS_STDS * sigma) & (uncertainty > BIAS_KNOWN_TO * np.abs(bias))
-    hidden = unknown | stepped
+    hidden = stepped | (np.abs(bias) > BIAS_STDS * sigma) & (uncertainty > BIAS_KNOWN_TO * np.abs(bias))
     # A step of torque in the first or last samples has no slots beyond it from which to detect it.
     at = np.flatnonzero(np.isfinite(friction))
     if at.size > 2 * hole:
@@ -109,8 +108,7 @@ def _less_a_law(friction: FloatArray, speed: FloatArray) -> FloatArray:
     """Return friction less a least-squares law of the speed, which may change much within the derivative's window."""
     known = np.isfinite(friction)
     law = np.stack([np.sign(speed), speed, speed * np.abs(speed)], axis=1)
-    strengths = np.linalg.lstsq(law[known], friction[known], rcond=None)[0] if known.any() else np.zeros(3)
-    return friction - law @ strengths
+    return friction - law @ np.linalg.lstsq(law[known], friction[known], rcond=None)[0]
 
 
 def _derivative_bias(speed: FloatArray, wheel: Wheel, reach: int) -> FloatArray:
