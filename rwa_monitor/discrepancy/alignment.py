@@ -3,8 +3,8 @@
 Torque and dω/dt step simultaneously where a slew begins or ends. If the current is read later, friction has a pulse as
 large as the step, as long as the delay. The catalogue's effect, of first order in the delay, can give a spike of any
 height there. Shifting the torque by whole or half slots instead removes the pulse at the right delay, and adds pulses
-at a wrong one. Before it is compared with a filtered dω/dt, the torque is averaged in the same way. Where friction is
-given, the impulse of the pulses determines the delay to a fraction of a slot.
+at a wrong one. Before it is compared with a filtered dω/dt, the torque is averaged in the same way. The impulse of the
+pulses determines the delay to a fraction of a slot.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ CHANCE: Final = 1e-6  # probability of a false alarm for impulses without a dela
 PULSE_REACH: Final = 2  # slots on each side of a step that its pulse occupies, plus the whole slots of a delay
 LONGEST_STEP: Final = 5  # slots; longer ramps are left to the first-order effect
 BASELINE_REACH: Final = 3  # slots on each side of the pulse, from which the friction without it is estimated
-SLOPE_REACH: Final = 6  # slots on each side from which the slope of the torque is estimated
+SLOPE_REACH: Final = 3  # slots on each side from which the slope of the torque is estimated
 STEP_MARGIN: Final = 1  # slots on each side of a step that a delay of a fraction of a slot affects
 
 
@@ -76,26 +76,21 @@ def find_delay(motions: Sequence[Motion], wheel: Wheel) -> Delay | None:
     rough = of_step.sum(axis=0)
     if of_step.shape[0] < FEWEST_STEPS or rough[at] < LEAST_ROUGHNESS * noise:
         return None
-    found = _by_pulse_removal(motions, wheel, halves, of_step, noise)
+    found = _by_pulse_removal(halves, of_step, noise)
     slots = 0 if found is None else found.slots
-    given = [motion for motion in motions if motion.torque_Nm is not None and motion.friction_Nm is not None]
-    of_impulses = _by_impulse(given, PULSE_REACH + abs(slots))
+    of_impulses = _by_impulse([one for one in motions if one.torque_Nm is not None], wheel, PULSE_REACH + abs(slots))
     if of_impulses is None:
         return found
     late, std = of_impulses
     gain = float(rough[at] - rough.min()) if found is None else found.gain
-    return Delay(slots, late - slots, late, std, gain)
+    return Delay(round(late), late - round(late), late, std, gain)
 
 
-def _by_pulse_removal(
-    motions: Sequence[Motion], wheel: Wheel, halves: IntArray, of_step: FloatArray, noise: float
-) -> Delay | None:
+def _by_pulse_removal(halves: IntArray, of_step: FloatArray, noise: float) -> Delay | None:
     """Return the delay, in half slots, that removes the pulses around most steps; None where there is none.
 
     Parameters
     ----------
-    motions, wheel
-        As for `find_delay`.
     halves
         int64 (m,), the shifts that are tried [half slots], increasing and symmetric about 0.
     of_step, noise
@@ -119,17 +114,18 @@ def _by_pulse_removal(
     # The unknown position of a sample within its slot dominates the uncertainty.
     variance = WITHIN_A_SLOT + (2.0 / curvature if curvature > 0.0 else 0.0)
     seen = 0.5 * float(halves[best])
-    slots = _whole_slots(motions, wheel, seen)
+    slots = int(seen)
     return Delay(slots, seen - slots, float(slots), float(np.sqrt(variance)), gain)
 
 
-def _by_impulse(motions: Sequence[Motion], reach: int) -> tuple[float, float] | None:
-    """Return the delay and its standard deviation [slots] from impulses of given friction; None if not significant.
+def _by_impulse(motions: Sequence[Motion], wheel: Wheel, reach: int) -> tuple[float, float] | None:
+    """Return the delay and its standard deviation [slots] from impulses of the friction; None if not significant.
 
     A torque that steps by h and is read d later causes a pulse with impulse -d·h in the friction, independent of its
-    position in a slot and of its duration. d is the slope of a line through the origin, by least squares.
+    position in a slot, of its duration, and of a filter of dω/dt. d is the slope of a line through the origin, by least
+    squares.
     """
-    parts = [_impulses(motion, reach) for motion in motions]
+    parts = [_impulses(motion, wheel, reach) for motion in motions]
     impulse, step, noise = (np.concatenate([np.zeros(0), *(part[i] for part in parts)]) for i in range(3))
     if impulse.size < FEWEST_STEPS or not step.any():
         return None
@@ -142,22 +138,23 @@ def _by_impulse(motions: Sequence[Motion], reach: int) -> tuple[float, float] | 
     return (late, std) if 2.0 * stats.norm.sf(abs(late), scale=std) <= CHANCE else None
 
 
-def _impulses(motion: Motion, reach: int) -> tuple[FloatArray, FloatArray, FloatArray]:
+def _impulses(motion: Motion, wheel: Wheel, reach: int) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return for each step of the torque the impulse of friction relative to its surroundings, the step, and the noise.
 
-    float64 (steps,) each [N m slots, N m, N m slots]. A pulse extends up to `reach` slots on each side of its step.
-    Steps with a change of direction nearby are excluded.
+    float64 (steps,) each [N m slots, N m, N m slots]. A pulse extends up to `reach` slots on each side of its step,
+    beside the slots over which the derivative spreads it. Steps with a change of direction nearby are excluded.
     """
-    assert motion.friction_Nm is not None
     assert motion.torque_Nm is not None
-    speed, friction, accelerating = motion.speed_rad_s, motion.friction_Nm, motion.torque_Nm - motion.friction_Nm
-    std = spread_of_differences(friction, 1, motion.torque_step_Nm)
-    stepped = binary_dilation(np.abs(np.nan_to_num(_difference(accelerating, 1))) > STEP_STDS * std, iterations=reach)
+    speed, (accelerating, lag) = motion.speed_rad_s, _accelerating(motion, wheel)
+    friction, reach = motion.torque_Nm - accelerating, reach + lag - 1
+    longest = LONGEST_STEP + 2 * (reach + lag - 1)
+    std = spread_of_differences(friction, lag, motion.torque_step_Nm)
+    stepped = binary_dilation(np.abs(np.nan_to_num(_difference(accelerating, lag))) > STEP_STDS * std, iterations=reach)
     border = np.diff(stepped.astype(np.int8), prepend=0, append=0)
     impulse, height, width = [], [], []
     for begin, end in zip(np.flatnonzero(border > 0), np.flatnonzero(border < 0), strict=True):
         around = slice(begin - BASELINE_REACH, end + BASELINE_REACH)
-        if begin < BASELINE_REACH or end + BASELINE_REACH > friction.size or end - begin > LONGEST_STEP + 2 * reach:
+        if begin < BASELINE_REACH or end + BASELINE_REACH > friction.size or end - begin > longest:
             continue
         if np.ptp(np.sign(speed[around])) != 0:
             continue
@@ -174,28 +171,6 @@ def _impulses(motion: Motion, reach: int) -> tuple[FloatArray, FloatArray, Float
     # Noise of the summed slots, and of the level subtracted, a mean over BASELINE_REACH slots on each side.
     noise = std / np.sqrt(2.0) * np.sqrt(slots + slots**2 / (2 * BASELINE_REACH))
     return np.array(impulse)[known], np.array(height)[known], noise
-
-
-def _whole_slots(motions: Sequence[Motion], wheel: Wheel, slots: float) -> int:
-    """Return the whole slots of a delay; a half slot is rounded to the side with the smoother s·friction at reversals.
-
-    Torque that is held from sample to sample acts half a slot late on the speed, but friction does not.
-    """
-    if slots == int(slots):
-        return int(slots)
-    below, above = int(np.trunc(slots)), int(np.trunc(slots) + np.sign(slots))
-    of_below, of_above = (sum(_at_reversals(motion, wheel, whole) for motion in motions) for whole in (below, above))
-    return above if of_above <= of_below * (RESIDUAL_SHARE if below == 0 else 1.0) else below
-
-
-def _at_reversals(motion: Motion, wheel: Wheel, slots: int) -> float:
-    """Return the sum of squared slot-to-slot changes of s·friction near reversals of the speed [N² m²]."""
-    moved = aligned(motion, wheel, slots, 0.0)
-    if moved.torque_Nm is None:
-        return 0.0
-    sign = np.sign(moved.speed_rad_s)
-    rise = _difference(sign * (moved.torque_Nm - _accelerating(moved, wheel)[0]), 1)[_near_reversals(moved, 1)]
-    return float(np.nansum(rise**2))
 
 
 def _near_reversals(motion: Motion, lag: int) -> BoolArray:
@@ -240,8 +215,9 @@ def _roughness(motion: Motion, wheel: Wheel, halves: IntArray) -> tuple[FloatArr
     near = binary_dilation(stepped, iterations=int(halves[-1]) // 2 + lag)
     moved = [_shifted(held if half % 2 else torque, (int(half) + 1) // 2) for half in halves]
     differences = np.stack([_difference(late - accelerating, lag) for late in moved])
-    # Friction steps at a reversal: if all slews are alike, that step is mistaken for the pulse of a delay.
-    near &= np.isfinite(differences).all(axis=0) & ~_near_reversals(motion, lag)
+    # Friction steps at a reversal: shifted, that step is mistaken for the pulse of a delay.
+    turning = binary_dilation(_near_reversals(motion, lag), iterations=int(halves[-1]) // 2)
+    near &= np.isfinite(differences).all(axis=0) & ~turning
     squares = (differences[:, near] / std) ** 2 / lag
     if squares.shape[1] == 0:
         return None
@@ -269,8 +245,8 @@ def aligned(motion: Motion, wheel: Wheel, slots: int, part: float) -> Motion:
     """Return the motion with a delay removed from the torque, and from given friction, which was derived from it.
 
     A fraction of a slot is corrected by the slope of the accelerating torque over several slots, because a mean of two
-    neighbours would autocorrelate the noise. Within SLOPE_REACH of its steps slots are NaN where friction is to be
-    derived. Where friction is given, only those within STEP_MARGIN are NaN; the others are not corrected.
+    neighbours would autocorrelate the noise. Within SLOPE_REACH of its steps slots are not corrected, and given
+    friction is NaN within STEP_MARGIN; where friction is derived, steps are left out with it.
     """
     if motion.torque_Nm is None or (slots == 0 and part == 0.0):
         return motion
@@ -287,8 +263,10 @@ def aligned(motion: Motion, wheel: Wheel, slots: int, part: float) -> Motion:
         slope = correlate1d(accelerating, around / float(around @ around), mode="constant", cval=np.nan)
         late = part * np.nan_to_num(slope)
         late[binary_dilation(steps, iterations=SLOPE_REACH)] = 0.0
-        late[binary_dilation(steps, iterations=SLOPE_REACH if friction is None else STEP_MARGIN)] = np.nan
-        torque, friction = torque + late, None if friction is None else friction + late
+        torque = torque + late
+        if friction is not None:
+            late[binary_dilation(steps, iterations=STEP_MARGIN)] = np.nan
+            friction = friction + late
     return replace(motion, torque_Nm=torque, friction_Nm=friction)
 
 

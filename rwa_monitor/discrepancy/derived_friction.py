@@ -108,7 +108,8 @@ def _less_a_law(friction: FloatArray, speed: FloatArray) -> FloatArray:
     """Return friction less a least-squares law of the speed, which may change much within the derivative's window."""
     known = np.isfinite(friction)
     law = np.stack([np.sign(speed), speed, speed * np.abs(speed)], axis=1)
-    return friction - law @ np.linalg.lstsq(law[known], friction[known], rcond=None)[0]
+    rest: FloatArray = friction - law @ np.linalg.lstsq(law[known], friction[known], rcond=None)[0]
+    return rest
 
 
 def _derivative_bias(speed: FloatArray, wheel: Wheel, reach: int) -> FloatArray:

@@ -19,7 +19,7 @@ from rwa_monitor.discrepancy.fitting import Progress
 from rwa_monitor.discrepancy.found_effects import found_delay, found_effect, found_zone, joined
 from rwa_monitor.discrepancy.hypotheses import NOT_COMMANDED, candidates, is_observable, speed_is_constant, untested
 from rwa_monitor.discrepancy.jump_terms import DelayTerm
-from rwa_monitor.discrepancy.noise_effects import noise_effects
+from rwa_monitor.discrepancy.noise_effects import noise_effects, with_even_noise
 from rwa_monitor.discrepancy.problem import Mapper, Problem, in_turn
 from rwa_monitor.discrepancy.quantisation import without_rounding, without_steps
 from rwa_monitor.discrepancy.record import Record, make_record, motions_of, without_known_effects
@@ -200,7 +200,8 @@ def _noise_and_jumps(explained: Explained, wheel: Wheel, *, with_noise: bool) ->
         others += noise_effects(problem, complete, in_band=in_band, by_law=by_law)
         drift = slow_drag(problem, complete)
     if explained.leftover is None and drift is None and explained.jumps:
-        others += switching_effects(problem, complete, wheel, in_band)
+        # The attribution of the jumps assumes even noise: it would take the samples of a noisy band for jumps.
+        others += switching_effects(problem, with_even_noise(problem, complete, others), wheel, in_band)
     if cage is not None:
         others.append(cage.effect)
     classes = [effect_class(effect.name) for effect in others]

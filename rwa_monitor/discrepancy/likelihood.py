@@ -223,9 +223,11 @@ class Series:
             return self, averaging
         gap = np.diff(np.cumsum(self.gap)[first], prepend=0)
         gap[self.gap[first] == 0] = 0
-        jumps = np.unique(np.searchsorted(first, self.jumps - width // 2))
         friction, sign, speed, slew = (averaging @ row for row in (self.friction, self.sign, self.speed, self.slew))
-        jumps = jumps[(jumps > 0) & (jumps < first.size)]
+        # A mean across a change of direction may have no level: a jump there is one of the next mean.
+        lasting = np.flatnonzero(sign)
+        jumps = np.searchsorted(lasting, np.searchsorted(first, self.jumps - width // 2))
+        jumps = np.unique(lasting[jumps[(jumps > 0) & (jumps < lasting.size)]])
         memory, top = max(self.memory / width, 1.0), self.top_speed or float(np.abs(self.speed).max())
         means = replace(self, friction=friction, sign=sign, speed=speed, gap=gap, slew=slew, jumps=jumps)
         return replace(means, memory=memory, top_speed=top), averaging

@@ -93,6 +93,17 @@ def noise_effects(
     return sorted(found, key=lambda entry: -entry.delta_deviance)
 
 
+def with_even_noise(problem: Problem, model: Model, found: Sequence[FoundEffect]) -> Model:
+    """Return the model with a residual that is as noisy everywhere as at the median, where a found effect raises it."""
+    for effect in found:
+        if effect.name == SPEED:
+            fitted = {name: parameter.value for name, parameter in effect.parameters.items()}
+            spread = spread_factor(problem.speed, {**SpeedDependentNoise().values, **fitted})
+            residual = model.fit.residual / np.maximum(spread / np.median(spread), 1.0)
+            return replace(model, fit=replace(model.fit, residual=residual))
+    return model
+
+
 def _effects_of_law(problem: Problem, model: Model) -> list[FoundEffect]:
     """Return the noise effects that the law of a model's noise contains, with the gain of each over the law without."""
     law = law_of(model)

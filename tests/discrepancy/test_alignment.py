@@ -1,5 +1,7 @@
 """A current that is read later or earlier than the speed, in samples that are means of what happens between them."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.ndimage import shift, uniform_filter1d
@@ -7,7 +9,7 @@ from scipy.ndimage import shift, uniform_filter1d
 from rwa_monitor.discrepancy.alignment import Delay, aligned, find_delay
 from rwa_monitor.discrepancy.derived_friction import Motion
 from rwa_monitor.samples import FloatArray
-from rwa_monitor.wheel.torque_balance import inertia_of
+from rwa_monitor.wheel.torque_balance import inertia_of, with_window
 from tests.discrepancy.simple import PERIOD_S, WHEEL
 
 FINE = 40  # steps a sample
@@ -47,6 +49,15 @@ def test_impulses_around_steps_show_a_delay_of_any_part_of_a_slot(late_slots: fl
         delay = found(motion(late_slots, seed))
         assert delay.late_slots == pytest.approx(late_slots, abs=max(4.0 * delay.std_slots, 0.02 * abs(late_slots)))
         assert delay.slots + delay.part == delay.late_slots
+
+
+@pytest.mark.parametrize("late_slots", [0.33, 0.65, -0.4, 1.7])
+@pytest.mark.parametrize("width_slots", [2, 6])
+def test_derived_friction_shows_a_delay_of_any_part_of_a_slot(width_slots: int, late_slots: float) -> None:
+    wheel = with_window(WHEEL.model_copy(update={"inertia_kg_m2": INERTIA}), width_slots * PERIOD_S)
+    for seed in range(3):
+        delay = find_delay([replace(motion(late_slots, seed), friction_Nm=None)], wheel)
+        assert delay.late_slots == pytest.approx(late_slots, abs=max(4.0 * delay.std_slots, 0.02 * abs(late_slots)))
 
 
 @pytest.mark.parametrize("seed", range(3))
@@ -92,6 +103,20 @@ def test_a_direction_that_changes_shortly_before_each_slew_ends_is_no_delay(
         return Motion(of_slots, inertial + friction, friction if given else None)
 
     assert found(*(slew(np.random.default_rng([seed, n])) for n in range(5))) is None
+
+
+@pytest.mark.parametrize(("turn_slots", "build_up_slots"), [(300, 10), (300, 20), (600, 20)])
+def test_friction_that_builds_up_over_an_angle_is_no_delay(turn_slots: int, build_up_slots: int) -> None:
+    rng, phase = np.random.default_rng(turn_slots), np.arange(COUNT * FINE) / FINE * 2.0 * np.pi / turn_slots
+    speed, angle = 3.0 * np.sin(phase), -3.0 * np.cos(phase) * turn_slots / (2.0 * np.pi)
+    length = 0.5 * (3.0 * 2.0 * np.pi / turn_slots) * build_up_slots**2  # the angle turned in that time
+    bent, friction = 0.0, np.empty(angle.size)
+    for k, step in enumerate(np.diff(angle, prepend=angle[0]).tolist()):
+        bent += (step - abs(step) * bent) / length  # Dahl
+        friction[k] = DRY_NM * bent
+    torque = friction + VISCOUS * speed + inertia_of(WHEEL) * np.gradient(speed, PERIOD_S / FINE)
+    read = sampled(speed) + 1e-4 * rng.standard_normal(COUNT)
+    assert found(Motion(read, sampled(torque) + NOISE_NM * rng.standard_normal(COUNT), None)) is None
 
 
 def test_recordings_of_one_wheel_show_one_delay() -> None:

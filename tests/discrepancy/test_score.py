@@ -75,6 +75,20 @@ def test_screening_averages_neighbours_of_one_recording() -> None:
     assert means.size == len(expected)
 
 
+def test_a_jump_at_a_change_of_direction_is_one_of_the_next_mean_that_has_a_direction() -> None:
+    problem = problem_of(record(swing(8000), jumps=())[0])
+    turns = np.flatnonzero(np.diff(problem.sign)) + 1
+    turns = turns[turns % 2 == 1]  # within a mean of two samples
+    assert turns.size
+    means, _ = Series.of(problem, turns).averaged(problem.size // 2)
+    assert np.count_nonzero(means.sign == 0.0) >= turns.size
+    assert means.jumps.size == turns.size
+    assert np.all(means.sign[means.jumps] != 0.0)
+    term = make_term(problem, QuadraticDrag, {}, None)
+    assert np.isfinite(means.whitened(means.friction, NoiseLaw())[0]).all()
+    assert np.isfinite(Background.of(problem, (), NoiseLaw(), turns).criterion_with(term))
+
+
 def test_a_motion_that_only_reverses_is_searched() -> None:
     speed = 50.0 * np.where(np.arange(600) // 3 % 2 == 0, 1.0, -1.0)
     result = find_discrepancy([("to and fro", record(speed, jumps=())[0])], WHEEL).result

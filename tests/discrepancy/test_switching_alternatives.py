@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from rwa_monitor.discrepancy.base_fit import fit, make_problem
+from rwa_monitor.discrepancy.noise_effects import noise_effects, with_even_noise
 from rwa_monitor.discrepancy.record import make_record
 from rwa_monitor.discrepancy.switching_effects import switching_effects
 from rwa_monitor.discrepancy.terms import Model
@@ -74,6 +75,18 @@ def test_what_stands_out_at_a_reversal_is_no_jump_of_a_system(seed: int) -> None
     turning = np.flatnonzero(np.diff(np.sign(speed))) + 1
     level[turning] -= 0.4 * DRY_NM  # along the rotation, in a single sample
     assert named(level, speed, seed) == []
+
+
+@pytest.mark.parametrize("seed", [1, 3, 4, 5])
+def test_samples_of_a_noisy_band_are_no_jumps(seed: int) -> None:
+    speed, rng = some_speed(seed), np.random.default_rng(seed)
+    noise = NOISE_NM * (1.0 + 1.5 * np.exp(-0.5 * ((speed - 150.0) / 15.0) ** 2)) * rng.normal(size=COUNT)
+    friction = level_of(KNOWN.fss, np.arange(COUNT), seed) + VISCOUS * speed + noise
+    problem = make_problem([make_record(sampled(speed, friction), KNOWN, "band")], KNOWN)
+    model = Model((), fit(problem))
+    found = noise_effects(problem, model)
+    assert [effect.name for effect in found] == ["speed_dependent_noise"]
+    assert switching_effects(problem, with_even_noise(problem, model, found), KNOWN) == []
 
 
 @pytest.mark.parametrize("seed", [1, 2])
