@@ -24,6 +24,7 @@ from rwa_monitor.wheel.wheel import Wheel
 
 LONGEST_S: Final = 5.0  # longest delay that is tried (wheel/effects/current_delay.py)
 MOST_SLOTS: Final = 40  # the same in slots
+OF_A_SWEEP: Final = 0.25  # longest delay that is tried, of the time between two changes of direction
 STEP_STDS: Final = 10.0  # standard deviations of friction's differences, above which the accelerating torque steps
 FEWEST_STEPS: Final = 3  # that must be observed
 MOST_STEPS: Final = 0.6  # share of the steps that must each confirm the delay
@@ -32,6 +33,7 @@ RESIDUAL_SHARE: Final = 0.5  # of the roughness of a step may remain after a shi
 RESIDUAL_SHARE_HALF: Final = 0.2  # the same by half a slot: a mean of two slots halves the roughness of any step
 LEAST_ROUGHNESS: Final = 2.0  # times the roughness due to noise, below which no delay is sought
 WITHIN_A_SLOT: Final = 1.0 / 12.0  # slots²: variance of a uniform position within a slot
+HELD_WITHIN: Final = 0.05  # slots of -½, within which the torque is taken as held from sample to sample
 IMPULSE_RESIDUAL: Final = 0.2  # of the sum of their squares may remain with a delay of a fraction of a slot
 CHANCE: Final = 1e-6  # probability of a false alarm for impulses without a delay
 PULSE_REACH: Final = 2  # slots on each side of a step that its pulse occupies, plus the whole slots of a delay
@@ -66,7 +68,10 @@ class Delay:
 
 def find_delay(motions: Sequence[Motion], wheel: Wheel) -> Delay | None:
     """Return the delay of the current relative to the speed, from steps of the torque; None where it is not found."""
-    most = max(1, min(int(LONGEST_S / wheel.sample_period_s), MOST_SLOTS))
+    known = [motion.speed_rad_s[np.isfinite(motion.speed_rad_s)] for motion in motions]
+    turns = sum(int(np.count_nonzero(np.diff(np.sign(speed)))) for speed in known)
+    between = sum(speed.size for speed in known) // (turns + 1)
+    most = max(1, min(int(LONGEST_S / wheel.sample_period_s), MOST_SLOTS, int(OF_A_SWEEP * between)))
     halves = np.arange(-2 * most, 2 * most + 1)
     at = 2 * most  # no shift
     around = [of_one for motion in motions if (of_one := _roughness(motion, wheel, halves)) is not None]
@@ -83,7 +88,8 @@ def find_delay(motions: Sequence[Motion], wheel: Wheel) -> Delay | None:
         return found
     late, std = of_impulses
     gain = float(rough[at] - rough.min()) if found is None else found.gain
-    return Delay(round(late), late - round(late), late, std, gain)
+    held = abs(late + 0.5) < HELD_WITHIN
+    return Delay(round(late), late - round(late), 0.0 if held else late, std, gain)
 
 
 def _by_pulse_removal(halves: IntArray, of_step: FloatArray, noise: float) -> Delay | None:
@@ -113,9 +119,8 @@ def _by_pulse_removal(halves: IntArray, of_step: FloatArray, noise: float) -> De
     curvature = float(rough[best - 1] - 2.0 * rough[best] + rough[best + 1]) / 0.25  # per slot²
     # The unknown position of a sample within its slot dominates the uncertainty.
     variance = WITHIN_A_SLOT + (2.0 / curvature if curvature > 0.0 else 0.0)
-    seen = 0.5 * float(halves[best])
-    slots = int(seen)
-    return Delay(slots, seen - slots, float(slots), float(np.sqrt(variance)), gain)
+    slots = int(0.5 * halves[best])
+    return Delay(slots, 0.5 * float(halves[best]) - slots, float(slots), float(np.sqrt(variance)), gain)
 
 
 def _by_impulse(motions: Sequence[Motion], wheel: Wheel, reach: int) -> tuple[float, float] | None:

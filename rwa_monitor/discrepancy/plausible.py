@@ -77,6 +77,9 @@ def remarks(samples: Samples, wheel: Wheel) -> list[str]:
         + ("left out, with those among them" if np.mean(stopped) <= SATURATED_SHARE else "the channel is not used")
         for name, _, stopped in _saturated(samples)
     ]
+    friction = samples.friction_torque_Nm
+    if friction is not None and np.nansum(friction * np.sign(samples.speed_rad_s)) < 0.0:
+        words.insert(0, "friction drives the rotation on the average; is the sign of speed or torque right?")
     if ratio and UNUSUAL_FACTOR <= max(ratio, 1 / ratio) < WRONG_UNIT_FACTOR:
         median = f"friction is {ratio:.2g} times the wheel's nominal friction on the median"
         return [f"{median}; is it the right wheel file?", *words]
@@ -190,7 +193,7 @@ class ImpliedValue:
         """Return whether it agrees with the expected value within its error; False where it is poorly known."""
         within = STANDARD_ERRORS * self.std
         known = within < KNOWN_WITHIN * abs(self.value)
-        return known and abs(self.value - expected) < max(SAME_WITHIN * expected, within)
+        return known and abs(self.value - expected) < max(SAME_WITHIN * abs(expected), within)
 
 
 def implied_inertia(speed_rad_s: FloatArray, torque_Nm: FloatArray, sample_period_s: float) -> ImpliedValue | None:
@@ -239,14 +242,14 @@ def check_inertia(
     stated, shown = wheel.inertia_kg_m2, implied_inertia(speed_rad_s, torque_Nm, wheel.sample_period_s)
     if stated is None or shown is None:
         return
-    of_torque = (MILLI, "in mA" if torque_channel.endswith("_A") else "in mN m")
-    for ratio, unit in (*SPEED_UNITS, of_torque):
-        if shown.is_about(ratio * stated):
+    of_torque = (MILLI, "in mA" if torque_channel.endswith("_A") else "in mN m"), (-1.0, "of the opposite sign")
+    for suspect in (*SPEED_UNITS, *of_torque):
+        if shown.is_about(suspect[0] * stated):
             raise InputError(
                 source,
                 f"speed and torque show an inertia of {shown.value:.4g} ± {shown.std:.1g} kg m²,"
-                f" {shown.value / stated:.4g} times inertia_kg_m2 of the wheel file; is it {unit}?",
-                torque_channel if unit == of_torque[1] else "speed_rad_s",
+                f" {shown.value / stated:.4g} times inertia_kg_m2 of the wheel file; is it {suspect[1]}?",
+                torque_channel if suspect in of_torque else "speed_rad_s",
             )
 
 

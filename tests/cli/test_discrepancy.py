@@ -48,6 +48,12 @@ def test_what_cannot_be_used_is_refused_in_one_sentence(tmp_path: Path) -> None:
     assert "nominal friction on the median; wrong unit?" in line
 
 
+def test_a_friction_of_the_opposite_sign_raises_a_question(tmp_path: Path) -> None:
+    negated = {**columns(), "friction_torque_Nm": -columns()["friction_torque_Nm"]}
+    done = run("discrepancy", write(tmp_path / "t.csv", negated), "--json")
+    assert "friction drives the rotation on the average; is the sign of speed or torque right?" in done.stderr
+
+
 def test_a_saturated_channel_is_no_discovery(tmp_path: Path) -> None:
     """A torque sensor at its end stop: what it shows is its range, not a friction law."""
     table = columns()

@@ -60,6 +60,19 @@ def test_derived_friction_shows_a_delay_of_any_part_of_a_slot(width_slots: int, 
         assert delay.late_slots == pytest.approx(late_slots, abs=max(4.0 * delay.std_slots, 0.02 * abs(late_slots)))
 
 
+@pytest.mark.parametrize("width_slots", [2, 6])
+@pytest.mark.parametrize("seed", range(3))
+def test_a_torque_that_is_held_from_sample_to_sample_is_not_late(width_slots: int, seed: int) -> None:
+    wheel = with_window(WHEEL.model_copy(update={"inertia_kg_m2": INERTIA}), width_slots * PERIOD_S)
+    rng = np.random.default_rng(seed)
+    accelerating = 4e-3 * np.repeat(rng.uniform(-1.0, 1.0, COUNT // 50), 50)
+    speed = 300.0 + np.append(0.0, np.cumsum(accelerating)[:-1]) / INERTIA * PERIOD_S
+    torque = accelerating + DRY_NM + VISCOUS * speed + NOISE_NM * rng.standard_normal(COUNT)
+    delay = find_delay([Motion(speed, torque, None)], wheel)
+    assert delay.slots + delay.part == pytest.approx(-0.5, abs=0.05)
+    assert delay.late_slots == 0.0
+
+
 @pytest.mark.parametrize("seed", range(3))
 def test_two_slews_show_a_delay_where_their_impulses_are_far_above_the_noise(seed: int) -> None:
     delay = found(motion(1.3, seed, slews=2, noise_Nm=3e-5))

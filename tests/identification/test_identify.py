@@ -226,6 +226,7 @@ def in_motion(**changes: float) -> tuple[list[tuple[str, Samples]], Wheel]:
     [
         ({"speed": 30.0 / np.pi}, r"speed_rad_s: .* 0\.10\d+ times inertia_kg_m2 .* in rpm\?"),
         ({"speed": np.pi / 30.0}, r"speed_rad_s: .* converted twice from rpm\?"),
+        ({"current": -1.0}, r"motor_current_A: .* -1\.?\d* times inertia_kg_m2 .* of the opposite sign\?"),
         ({"speed": 180.0 / np.pi}, r"speed_rad_s: .* in degrees per second\?"),
         ({"current": 1000.0}, r"motor_current_A: .* in mA\?"),
         ({"friction": -1.0}, "is the sign of speed or torque right"),
