@@ -279,6 +279,9 @@ def _header(content: bytes, reader: Any, source: str) -> list[str]:
         raise InputError(source, "is no CSV: a field in quotes has no end in its row", "row 1")
     if any("\x00" in name for name in names):
         raise InputError(source, "is no CSV: its first row holds zero bytes", "row 1")
+    if len(names) == 1 and (other := re.search("[;\t#]", names[0])):
+        reason = f"holds {other[0]!r} and no comma: the first row is the names of the columns, separated by commas"
+        raise InputError(source, reason, "row 1")
     return names
 
 

@@ -203,6 +203,8 @@ REFUSED = {
     "no header": ("0.0,1.5\n0.1,1.5\n", "column time_s or time_ns", "is missing, and so is speed_rad_s"),
     "a date": (HEAD + "2026-01-01T00:00:00Z,1,2\n", "row 2, column time_s", "is not a finite number"),
     "utf-16 without its mark": (GOOD.encode("utf-16-le"), "row 1", "zero bytes"),
+    "semicolons": (GOOD.replace(",", ";").encode(), "row 1", "holds ';' and no comma"),
+    "a comment": (f"# of a bench\n{GOOD}".encode(), "row 1", "holds '#' and no comma"),
     "twice": ("time_s,speed_rad_s,speed_rad_s\n0,1,1\n", "column speed_rad_s", "twice"),
     "text": (HEAD + "0,1,2\n1,fast,2\n", "row 3, column speed_rad_s", "'fast' is not a number"),
     "underscore": (HEAD + "0,1_0,2\n", "row 2, column speed_rad_s", "'1_0' is not a number"),
