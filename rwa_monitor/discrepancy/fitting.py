@@ -308,9 +308,7 @@ class Fitting:
         problem, fit = self.problem, model.fit
         beside = problem.z - fit.level - fit.residual - fit.coefficients[0] * problem.speed
         return tuple(
-            make_term(problem, term.effect, term.shape, fit.level, beside, whole=True)
-            if depends_on_level(term.effect)
-            else term
+            make_term(problem, term.effect, term.shape, fit.level, beside) if depends_on_level(term.effect) else term
             for term in model.terms
         )
 

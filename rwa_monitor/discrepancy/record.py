@@ -18,7 +18,7 @@ from typing import Final
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
-from scipy.ndimage import binary_dilation, binary_opening, correlate1d
+from scipy.ndimage import binary_dilation, correlate1d
 from scipy.signal import savgol_filter
 
 from rwa_monitor.discrepancy import alignment
@@ -50,10 +50,6 @@ ROUNDING: Final = 1e-5  # of the RMS of a channel: anything smaller is rounding 
 RAMP_SHARE: Final = 0.5  # of the samples: friction that is a ramp on more of them is a command
 SMOOTHER: Final = 0.5  # ratio of second differences, below which those of the speed are mostly noise
 SMOOTHING_WIDTHS: Final = (5, 7, 11, 15, 21, 31, 41)  # slots that a parabola is fitted to, increasing
-CORNER_MARGIN: Final = 2  # slots on each side: dω/dt over them differs beside a corner in as many in a row
-CORNER_NOISE: Final = 1.6  # of the speed's noise a slot: five standard deviations of that dω/dt
-CORNER_SHARE: Final = 0.05  # of the largest dω/dt, the least difference
-MOST_CORNERS: Final = 0.15  # of the slots; if more differ, the speed bends throughout
 NEARLY_ALL: Final = 0.9  # of the square of dω/dt, for which slots are then used that miss no more than the rest
 SMOOTHING_REACH: Final = 6  # slots beyond the excluded ones, on each side, from which motion is estimated
 
@@ -190,10 +186,7 @@ def make_record(samples: Samples, wheel: Wheel, source: str, delay: alignment.De
         friction, corrected, corners, error = known.friction_Nm, known.corrected, known.corners, known.filter_error_Nm
         hole, reach = half_width(wheel.friction.derivative, wheel.sample_period_s), SMOOTHING_REACH
     else:
-        hole, reach = _fitting_reach(speed)
-        at_corner = _corners(speed, hole, reach)
-        corners = _count(at_corner & np.isfinite(friction))
-        friction = np.where(at_corner, np.nan, friction)
+        (hole, reach), corners = _fitting_reach(speed), 0
 
     noise = _speed_noise(speed)
     channels = _channels(samples, motion, friction, slot, wheel, hole, reach)
@@ -367,7 +360,7 @@ def _left_out(
     )
     known_why = {
         "in the dead zone of the speed reading": 0 if zone is None else _count(zone.inside),
-        "at corners and ends of the speed, where dω/dt is not known": corners,
+        "at corners of the speed, where derived friction is not known": corners,
         "at rest": _count(at_rest),
         "averaged over a reversal of the speed": _count(averaged),
     }
@@ -466,18 +459,6 @@ def _fitting_reach(speed: FloatArray) -> tuple[int, int]:
     if power <= noise / 2 or missed(*usual) < NEARLY_ALL:
         return usual
     return 0, next(reach for reach in (3, 2, 1) if missed(0, reach) < 1 - NEARLY_ALL)
-
-
-def _corners(speed: FloatArray, hole: int, reach: int) -> BoolArray:
-    """Return the slots where a slew, or the record, begins or ends, and dω/dt over the usual slots is off; bool (n,).
-
-    Where friction follows dω/dt, steps of it there would be taken for jumps of the level.
-    """
-    usual, nearest = (_from_neighbours(speed, *slots, order=1) for slots in ((hole, reach), (0, CORNER_MARGIN)))
-    least = max(CORNER_NOISE * _speed_noise(speed), CORNER_SHARE * float(np.abs(usual).max()))
-    lasting = binary_opening(np.abs(nearest - usual) > least, [True] * 2 * CORNER_MARGIN)
-    corners = binary_dilation(lasting, iterations=CORNER_MARGIN)
-    return corners if np.mean(corners) < MOST_CORNERS else np.zeros_like(corners)
 
 
 def _from_neighbours(values: FloatArray, hole: int, reach: int, order: int) -> FloatArray:

@@ -62,7 +62,6 @@ def make_term(
     beside: FloatArray | None = None,
     *,
     keep: bool = False,
-    whole: bool = False,
 ) -> Term:
     """Evaluate an effect's columns on all records.
 
@@ -75,15 +74,12 @@ def make_term(
         torque, which overcomes it, too. None: zero.
     keep
         Whether to cache the columns: other models will need this shape, too.
-    whole
-        Whether to leave in columns what is in proportion to the level, as for given jumps: the level is then the dry
-        friction itself.
     """
     strengths = effect.strength_parameters()
     key = effect.name, tuple(shape.items())
     columns, followed = problem.columns.get(key), _followed_level(problem, effect, level, beside)
     if columns is None and followed is not None:
-        columns = followed.columns(effect, shape) if whole else _columns_with_level(effect, shape, followed)
+        columns = _columns_with_level(effect, shape, followed)
     if columns is None:
         by_angle = issubclass(effect, TorqueRipple) or getattr(effect, "variable", "") == "angle"
         channels = [record.undrifted if by_angle else record.channels for record in problem.records]

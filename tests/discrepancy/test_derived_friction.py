@@ -83,17 +83,3 @@ def test_a_fast_swing_is_neither_masked_nor_taken_for_an_error_of_the_inertia(se
     assert np.mean(known) > 0.8
     slope = np.gradient(5.0 * np.sin(2.0 * np.pi * np.arange(COUNT) * PERIOD_S / 1.5), PERIOD_S)[known]
     assert abs(np.polyfit(slope, found[known], 1)[0]) < 2e-3 * INERTIA
-
-
-@pytest.mark.parametrize("seed", range(3))
-def test_corners_of_ramps_are_left_out_where_friction_itself_changes_within_the_filter(seed: int) -> None:
-    rng, at = np.random.default_rng(seed), np.arange(COUNT) * 0.02
-    speed = 2.0 * np.interp(at, np.linspace(0.0, 80.0, 7), [-1.0, 1.0, -1.0, 1.0, -1.0, 1.0, -1.0])
-    wheel = Wheel(name="geared", sample_period_s=0.02, inertia_kg_m2=3.0)
-    drag = 5.0 * np.sign(speed) + 2.0 * speed
-    torque = drag + 3.0 * np.gradient(speed, 0.02) + rng.normal(0.0, 0.05, COUNT)
-    found = derived_friction(speed + rng.normal(0.0, 1e-3, COUNT), torque, wheel, 0.0).friction_Nm
-    bent = np.abs(at[:, None] - np.arange(1, 6) * 80.0 / 6).min(axis=1) < 0.4
-    assert not np.any(np.abs((found - drag)[bent]) > 5.0 * 0.05)
-    assert np.nanstd((found - drag)[~bent]) < 1.1 * 0.05
-    assert np.mean(np.isfinite(found[~bent])) > 0.8

@@ -118,12 +118,11 @@ def test_every_sample_that_is_left_out_has_a_reason() -> None:
     assert made.left_out["at the end stop of a channel, or among such"] == np.count_nonzero(
         (current == stop) | (near.sum(axis=1) > 1)
     )
-    assert made.left_out["at corners and ends of the speed, where dω/dt is not known"] >= 4
+    assert made.left_out["at corners of the speed, where derived friction is not known"] >= 4
     words = left_out_in_words([made, made])
     assert words.startswith("left out: 10 without a value of speed or torque, ")
-    assert "at corners and ends of the speed" in words
-    given = make_record(record(swing())[0], WHEEL, "given")
-    assert given.used[20:-20].sum() >= given.used.size - 41
+    assert "at corners of the speed" in words
+    assert left_out_in_words([make_record(record(swing())[0], WHEEL, "given")]) in ("", "left out: 1 at rest")
 
 
 def test_motion_channels_share_no_noise_with_the_friction_of_their_slot() -> None:

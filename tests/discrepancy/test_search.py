@@ -71,32 +71,6 @@ def test_an_offset_in_a_few_dwells_may_be_an_asymmetry() -> None:
     assert {effect.name, *effect.equivalent} >= {"torque_bias", "coulomb_asymmetry"}
 
 
-@pytest.mark.parametrize("seed", [1, 2])
-def test_an_asymmetry_follows_the_level_itself_where_it_is_mostly_high_in_one_direction(seed: int) -> None:
-    speed = swing(12_000, top=200.0, period_s=160.0)
-    turns = np.flatnonzero(np.diff(np.sign(speed)))
-    jumps = tuple((turns + np.random.default_rng(seed).integers(-250, 250, turns.size))[:14].tolist())
-    found = search(record(speed, jumps, lambda _, level: 0.1 * level, seed=seed)[0])
-    assert names(found) == ["coulomb_asymmetry"]
-    strength = found.result.effects[0].parameters["strength"]
-    assert strength.value == pytest.approx(0.1, abs=4.0 * strength.std)
-
-
-@pytest.mark.parametrize("seed", range(2))
-def test_an_error_of_the_inertia_is_found_in_short_slews_between_long_dwells(seed: int) -> None:
-    rng = np.random.default_rng(seed)
-    speeds = rng.uniform(-60.0, 60.0, 24)
-    slews_s = np.abs(np.diff(speeds, prepend=0.0)) / 3.0  # at 3 rad/s²
-    ends_s = np.cumsum(slews_s + 25.0)
-    corners_s = np.stack([ends_s - slews_s, ends_s], axis=1).ravel()
-    speed = np.interp(np.arange(8000) * PERIOD_S, corners_s, np.repeat(np.append(0.0, speeds), 2)[1:-1])
-    missed = 0.02 * WHEEL.inertia_kg_m2 * np.gradient(speed, PERIOD_S)
-    found = search(record(speed, (1500,), lambda *_: missed, seed=seed)[0])
-    assert names(found) == ["inertia_error"]
-    error = found.result.effects[0].parameters["strength_kg_m2"]
-    assert error.value == pytest.approx(0.02 * WHEEL.inertia_kg_m2, abs=5.0 * error.std)
-
-
 def test_the_answer_does_not_depend_on_threads() -> None:
     def hidden(speed: np.ndarray, level: np.ndarray) -> np.ndarray:
         return 2e-4 * np.exp(-np.abs(speed) / 10.0) * np.sign(speed) + 1e-4
