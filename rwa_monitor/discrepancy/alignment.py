@@ -34,6 +34,7 @@ RESIDUAL_SHARE_HALF: Final = 0.2  # the same by half a slot: a mean of two slots
 LEAST_ROUGHNESS: Final = 2.0  # times the roughness due to noise, below which no delay is sought
 WITHIN_A_SLOT: Final = 1.0 / 12.0  # slots²: variance of a uniform position within a slot
 HELD_WITHIN: Final = 0.05  # slots of -½, within which the torque is taken as held from sample to sample
+HELD_STDS: Final = 3.0  # the same in standard deviations of the delay
 IMPULSE_RESIDUAL: Final = 0.2  # of the sum of their squares may remain with a delay of a fraction of a slot
 CHANCE: Final = 1e-6  # probability of a false alarm for impulses without a delay
 PULSE_REACH: Final = 2  # slots on each side of a step that its pulse occupies, plus the whole slots of a delay
@@ -88,8 +89,9 @@ def find_delay(motions: Sequence[Motion], wheel: Wheel) -> Delay | None:
         return found
     late, std = of_impulses
     gain = float(rough[at] - rough.min()) if found is None else found.gain
-    held = abs(late + 0.5) < HELD_WITHIN
-    return Delay(round(late), late - round(late), 0.0 if held else late, std, gain)
+    if abs(late + 0.5) < max(HELD_WITHIN, HELD_STDS * std):
+        return Delay(0, -0.5, 0.0, std, gain)
+    return Delay(round(late), late - round(late), late, std, gain)
 
 
 def _by_pulse_removal(halves: IntArray, of_step: FloatArray, noise: float) -> Delay | None:
