@@ -22,7 +22,7 @@ from rwa_monitor.discrepancy.noise_effects import CageBursts, cage_bursts
 from rwa_monitor.discrepancy.own_jumps import with_own_jumps
 from rwa_monitor.discrepancy.problem import Mapper, Problem, in_turn
 from rwa_monitor.discrepancy.quantisation import redrawn
-from rwa_monitor.discrepancy.record import Record
+from rwa_monitor.discrepancy.record import FEWEST_FOR_JUMPS, Record
 from rwa_monitor.discrepancy.score import price, regressors
 from rwa_monitor.discrepancy.search import grow, prune, rank, search
 from rwa_monitor.discrepancy.terms import Found, Model, SearchResult, law_of
@@ -46,7 +46,6 @@ Effects = Sequence[type[MeanEffect]]
 
 # Mean number of samples between jumps; with fewer, the levels fit the noise: the model without jumps is then preferred.
 SHORTEST_SEGMENTS: Final = 50
-FEWEST_FOR_JUMPS: Final = 200  # samples; with fewer, neither jumps nor a noise law are identifiable: no jumps are tried
 
 
 def prepare(records: Sequence[Record], wheel: Wheel, each: Mapper = in_turn) -> Problem:

@@ -13,7 +13,7 @@ from rwa_monitor.discrepancy.alignment import Delay, find_delay
 from rwa_monitor.discrepancy.base_fit import fit
 from rwa_monitor.discrepancy.bench import EVEN_CLOCK, as_measured, lost_without_motor
 from rwa_monitor.discrepancy.derived_friction import Motion, with_fitting_window
-from rwa_monitor.discrepancy.explanation import FEWEST_FOR_JUMPS, Explained, explain, prepare
+from rwa_monitor.discrepancy.explanation import Explained, explain, prepare
 from rwa_monitor.discrepancy.extended import extend
 from rwa_monitor.discrepancy.fitting import Progress
 from rwa_monitor.discrepancy.found_effects import found_delay, found_effect, found_zone, joined
@@ -22,7 +22,7 @@ from rwa_monitor.discrepancy.jump_terms import DelayTerm
 from rwa_monitor.discrepancy.noise_effects import noise_effects, with_even_noise
 from rwa_monitor.discrepancy.problem import Mapper, Problem, in_turn
 from rwa_monitor.discrepancy.quantisation import without_rounding, without_steps
-from rwa_monitor.discrepancy.record import Record, make_record, motions_of, without_known_effects
+from rwa_monitor.discrepancy.record import FEWEST_FOR_JUMPS, Record, make_record, motions_of, without_known_effects
 from rwa_monitor.discrepancy.result import DiscrepancyResult, FoundEffect, Search, Verdict
 from rwa_monitor.discrepancy.score import BLOCKS, HeldOut, held_out, on_other_recordings, scored
 from rwa_monitor.discrepancy.switching_effects import switching_effects

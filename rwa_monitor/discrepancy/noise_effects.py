@@ -14,7 +14,7 @@ from rwa_monitor.discrepancy.base_fit import REVERSAL_REACH
 from rwa_monitor.discrepancy.found_effects import as_found
 from rwa_monitor.discrepancy.likelihood import ACCEPT_GAIN, NoiseLaw, Series
 from rwa_monitor.discrepancy.problem import Problem
-from rwa_monitor.discrepancy.record import Record
+from rwa_monitor.discrepancy.record import FEWEST_FOR_JUMPS, Record
 from rwa_monitor.discrepancy.result import FoundEffect, ParameterValue
 from rwa_monitor.discrepancy.score import scored, with_law
 from rwa_monitor.discrepancy.terms import Model, law_of
@@ -423,7 +423,7 @@ class CageBursts:
 
 
 def cage_bursts(problem: Problem, model: Model) -> CageBursts | None:
-    """Return the bursts of a cage that a model's residual contains, or None."""
+    """Return the bursts of a cage that a model's residual contains, or None; enough samples are outside of them."""
     if any(_is_quantised(view) for view in views_of(problem, model)):
         return None  # rounding errors come and go with the acceleration
     fits, bursts, bands = [], [], []
@@ -435,7 +435,8 @@ def cage_bursts(problem: Problem, model: Model) -> CageBursts | None:
         bursts.append(binary_dilation(on, iterations=MARGIN) & shown)
         bands.append(inside & shown)
     found = accepted(problem, {CAGE: fits})
-    return CageBursts(found[0], tuple(bursts), tuple(bands)) if found else None
+    quiet = sum(np.count_nonzero(record.used & ~on) for record, on in zip(problem.records, bursts, strict=True))
+    return CageBursts(found[0], tuple(bursts), tuple(bands)) if found and quiet >= FEWEST_FOR_JUMPS else None
 
 
 def fit_bursts_of(problem: Problem, model: Model) -> list[tuple[LikelihoodFit, BoolArray]]:

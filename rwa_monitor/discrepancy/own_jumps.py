@@ -287,7 +287,8 @@ def _term(basis: _Basis, places: IntArray) -> Term:
     parameters = tuple(Parameter(f"change_{j + 1}", unit, least, np.inf, 0.0, linear=True) for j in range(places.size))
     effect = type("OwnJumps", (basis.effect,), {"parameters": parameters, "places": places, "seconds": basis.seconds})
     low, high = np.full(places.size, least), np.full(places.size, np.inf)
-    return Term(effect, {}, columns, low, high, price + JUMP_PENALTY * places.size)
+    begins = places if basis.relaxes else None  # what relaxes within a block is not known from the others
+    return Term(effect, {}, columns, low, high, price + JUMP_PENALTY * places.size, begins)
 
 
 def _drifting(problem: Problem, term: Term) -> Term:

@@ -18,7 +18,8 @@ from typing import Final
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
-from scipy.ndimage import binary_dilation, correlate1d
+from scipy import stats
+from scipy.ndimage import binary_dilation, correlate1d, maximum_filter1d
 from scipy.signal import savgol_filter
 
 from rwa_monitor.discrepancy import alignment
@@ -51,6 +52,9 @@ RAMP_SHARE: Final = 0.5  # of the samples: friction that is a ramp on more of th
 SMOOTHER: Final = 0.5  # ratio of second differences, below which those of the speed are mostly noise
 SMOOTHING_WIDTHS: Final = (5, 7, 11, 15, 21, 31, 41)  # slots that a parabola is fitted to, increasing
 NEARLY_ALL: Final = 0.9  # of the square of dω/dt, for which slots are then used that miss no more than the rest
+CORNER_CHANCE: Final = 1e-3  # probability that two straight lines of the speed are not recognised
+FEWEST_FOR_JUMPS: Final = 200  # samples; with fewer, neither jumps nor a noise law are identifiable: none are tried
+NEAR_CORNERS: Final = 0.5  # of the slots: a record with more of them near corners is not made of lines
 SMOOTHING_REACH: Final = 6  # slots beyond the excluded ones, on each side, from which motion is estimated
 
 
@@ -184,18 +188,23 @@ def make_record(samples: Samples, wheel: Wheel, source: str, delay: alignment.De
         assert torque is not None, "there is a source"
         known = derived_friction(speed, torque, wheel, motion.torque_step_Nm)
         friction, corrected, corners, error = known.friction_Nm, known.corrected, known.corners, known.filter_error_Nm
+        at_corner = np.zeros(speed.size, dtype=np.bool_)
         hole, reach = half_width(wheel.friction.derivative, wheel.sample_period_s), SMOOTHING_REACH
     else:
         (hole, reach), corners = _fitting_reach(speed), 0
+        at_corner = _corners(speed, hole + reach)
 
     noise = _speed_noise(speed)
-    channels = _channels(samples, motion, friction, slot, wheel, hole, reach)
+    channels = _channels(samples, motion, friction, slot, wheel, _slope(speed, hole, reach, at_corner))
     good, direction = channels.good, channels.direction
     moving = good & ~_at_rest(speed, noise, wheel.window.dead_band_rad_s) & (direction != 0)
     averaged = averages_over_reversals(speed, np.where(moving, direction * friction, np.nan), noise)
     # A dead zone of the readings hides the reversals from which averaging is recognised: it is then assumed.
     channels = replace(channels, averaged=bool(averaged.any()) or motion.zone is not None)
     used = moving & ~averaged
+    if _count(used) >= FEWEST_FOR_JUMPS:  # with fewer no jumps are tried, that would explain the pulse of a corner
+        corners += _count(used & at_corner)
+        used &= ~at_corner
     return Record(
         source=source,
         channels=channels,
@@ -296,9 +305,9 @@ def temperature_range(records: Sequence[Record]) -> TemperatureRange | None:
 
 
 def _channels(
-    samples: Samples, motion: Motion, friction: FloatArray, slot: IntArray, wheel: Wheel, hole: int, reach: int
+    samples: Samples, motion: Motion, friction: FloatArray, slot: IntArray, wheel: Wheel, slope: FloatArray
 ) -> Channels:
-    """Return the motion as given to the effects; the acceleration comes from `reach` slots beyond `hole` ones."""
+    """Return the motion as given to the effects; `slope` of the speed per slot, float64 (n,)."""
     speed, torque = motion.speed_rad_s, motion.torque_Nm
     turned = wheel_angle(_without_gaps(speed), wheel.sample_period_s)
     measured = _measured_angle(_on_grid(samples.angle_rad, slot), turned)
@@ -306,7 +315,7 @@ def _channels(
         time_s=np.arange(speed.size, dtype=np.float64) * wheel.sample_period_s,
         speed_rad_s=speed,
         direction=np.sign(speed),
-        acceleration_rad_s2=_from_neighbours(speed, hole, reach, order=1) / wheel.sample_period_s,
+        acceleration_rad_s2=slope / wheel.sample_period_s,
         angle_rad=turned if measured is None else measured,
         motor_torque_Nm=None if torque is None else _from_neighbours(torque, 0, SMOOTHING_REACH, order=0),
         bearing_temperature_degC=_smoothed_slow_channel(_on_grid(samples.bearing_temperature_degC, slot)),
@@ -360,7 +369,7 @@ def _left_out(
     )
     known_why = {
         "in the dead zone of the speed reading": 0 if zone is None else _count(zone.inside),
-        "at corners of the speed, where derived friction is not known": corners,
+        "at corners of the speed, where dω/dt is not known": corners,
         "at rest": _count(at_rest),
         "averaged over a reversal of the speed": _count(averaged),
     }
@@ -441,12 +450,12 @@ def _fitting_reach(speed: FloatArray) -> tuple[int, int]:
     """Return over which slots dω/dt is estimated where friction is given: how many it skips, and how many follow.
 
     In strokes of a few slots nothing is left of it over the usual ones; then it is estimated from the nearest, whose
-    noise friction may share. Noise is known from the differences of the speed, to which motion only adds.
+    noise friction may share.
     """
-    usual, whole, known = (min(2, speed.size // 8), SMOOTHING_REACH), _without_gaps(speed), np.isfinite(speed)
+    usual, known = (min(2, speed.size // 8), SMOOTHING_REACH), np.isfinite(speed)
     if not usual[0] or not known.any():
         return usual
-    noise = min(float(np.mean(np.diff(whole, k) ** 2)) / comb(2 * k, k) for k in range(2, 7))
+    noise = _noise_of_differences(speed)
     nearest = _from_neighbours(speed, 0, 1, order=1)
     power = float(np.mean(nearest[known] ** 2)) - noise / 2
 
@@ -461,6 +470,12 @@ def _fitting_reach(speed: FloatArray) -> tuple[int, int]:
     return 0, next(reach for reach in (3, 2, 1) if missed(0, reach) < 1 - NEARLY_ALL)
 
 
+def _noise_of_differences(values: FloatArray) -> float:
+    """Return the variance of the noise of values, float64 (n,), from their differences: motion only adds to these."""
+    whole = _without_gaps(values)
+    return min(float(np.mean(np.diff(whole, k) ** 2)) / comb(2 * k, k) for k in range(2, 7))
+
+
 def _from_neighbours(values: FloatArray, hole: int, reach: int, order: int) -> FloatArray:
     """Estimate value (order 0) or slope per slot (order 1) at each slot from slots hole+1 … hole+reach on both sides.
 
@@ -472,6 +487,51 @@ def _from_neighbours(values: FloatArray, hole: int, reach: int, order: int) -> F
     basis = np.where(outside, j**order, 0).astype(np.float64)
     estimate: FloatArray = correlate1d(_without_gaps(values), basis / np.sum(basis**2), mode="nearest")
     return estimate
+
+
+def _slope(speed: FloatArray, hole: int, reach: int, corners: BoolArray) -> FloatArray:
+    """Return the slope of the speed per slot from `reach` slots beyond `hole` ones on each side, float64 (n,).
+
+    From one side alone where a corner, bool (n,), or an end lies on the other.
+    """
+    slope, far = _from_neighbours(speed, hole, reach, order=1), hole + reach
+    if not corners.any():
+        return slope
+    rise = np.zeros(2 * far + 1)  # weights of the slope of the slots after one
+    rise[far + hole + 1 :] = np.arange(reach) - (reach - 1) / 2
+    rise /= np.sum(rise**2)
+    after, before = (correlate1d(_without_gaps(speed), of, mode="nearest") for of in (rise, -rise[::-1]))
+    ahead, behind = (
+        maximum_filter1d(corners, far + 1, mode="constant", cval=1, origin=origin)
+        for origin in (-(far // 2), (far + 1) // 2)
+    )
+    slope = np.where(ahead & ~behind, before, slope)
+    return np.where(behind & ~ahead, after, slope)
+
+
+def _corners(speed: FloatArray, reach: int) -> BoolArray:
+    """Return the slots where the speed changes from one line to another within `reach` slots each way, bool (n,).
+
+    Two lines fit these slots within the noise, and one parabola, as for a smooth motion, does not. None where corners
+    are so dense that few slots have a line beside them.
+    """
+    corners, width = np.zeros(speed.size, dtype=np.bool_), 2 * reach + 1
+    if speed.size < width:
+        return corners
+
+    def missed(values: FloatArray, degree: int) -> FloatArray:
+        """Return the sum of squares by which values, float64 (n, m), miss a polynomial, float64 (n,)."""
+        basis = np.linalg.qr(np.vander(np.arange(values.shape[1]), degree + 1))[0]
+        return np.asarray(np.sum((values - values @ basis @ basis.T) ** 2, axis=1))
+
+    around = sliding_window_view(speed, width)
+    by_lines = missed(around[:, :reach], 1) + missed(around[:, reach + 1 :], 1)
+    most = stats.chi2.isf(CORNER_CHANCE, 2 * (reach - 2)) * _noise_of_differences(speed)
+    is_corner = (by_lines <= most) & (missed(around, 2) > by_lines + most)
+    gain = np.where(is_corner, missed(around, 1) - by_lines, 0.0)
+    is_corner &= gain == maximum_filter1d(gain, width)
+    corners[reach:-reach] = is_corner & (_count(is_corner) * width < NEAR_CORNERS * speed.size)
+    return corners
 
 
 def _without_gaps(values: FloatArray) -> FloatArray:

@@ -25,7 +25,7 @@ from rwa_monitor.discrepancy.base_fit import (
     segment_records,
     segment_starts,
 )
-from rwa_monitor.discrepancy.likelihood import Equations, NoiseLaw, Series, Whitening, fit_noise
+from rwa_monitor.discrepancy.likelihood import NO_JUMPS, Equations, NoiseLaw, Series, Whitening, fit_noise
 from rwa_monitor.discrepancy.problem import MAX_LAG, Problem
 from rwa_monitor.discrepancy.terms import Model, Term, depends_on_level, law_of, make_term
 from rwa_monitor.samples import TINY, FloatArray, IntArray
@@ -350,8 +350,10 @@ class HeldOut:
 
 def held_out(problem: Problem, model: Model, blocks: int = BLOCKS) -> HeldOut:
     """Score a model on blocks of time, each with the strengths and the slope fitted to the other blocks."""
+    problem = replace(problem, z=problem.z - model.of_own_jumps(problem.size))
+    places = [term.places for term in model.terms if term.places is not None]
     series = Series.of(problem, model.fit.jumps)
-    rows, low, high = regressors(series, model.terms)
+    rows, low, high = regressors(series, [term for term in model.terms if term.places is None])
     white, _ = series.whitened(np.vstack([series.friction, rows]), law_of(model))
     energy, jumps = np.sum(white**2, axis=1), model.fit.jumps if model.fit.jumps.size else None
     whitening = _whitening(problem, model, jumps)
@@ -368,7 +370,8 @@ def held_out(problem: Problem, model: Model, blocks: int = BLOCKS) -> HeldOut:
         rest = _residual(problem, coefficients @ rows, jumps)
         residual[here] = rest[here]
         innovations[here] = whitening.innovations((rest * problem.sign)[None])[0, here]
-    return _score_of(problem, whitening, residual, innovations, jumps, variance, blocks)
+    charged = np.concatenate([model.fit.jumps, *places])
+    return _score_of(problem, whitening, residual, innovations, charged, variance, blocks)
 
 
 def on_other_recordings(problem: Problem, other: Problem, model: Model, *, jumps: bool) -> HeldOut:
@@ -393,7 +396,7 @@ def on_other_recordings(problem: Problem, other: Problem, model: Model, *, jumps
     residual = _residual(other, other.sign * (drag + float(np.mean(model.fit.level))), there)
     whitening, variance = _whitening(other, model, there), np.full(other.size, float(np.mean(left**2)))
     innovations = whitening.innovations((residual * other.sign)[None])[0]
-    return _score_of(other, whitening, residual, innovations, there, variance, BLOCKS)
+    return _score_of(other, whitening, residual, innovations, NO_JUMPS if there is None else there, variance, BLOCKS)
 
 
 def _first_of(blocks: int, size: int) -> IntArray:
@@ -418,7 +421,7 @@ def _score_of(
     whitening: Whitening,
     residual: FloatArray,
     innovations: FloatArray,
-    jumps: IntArray | None,
+    jumps: IntArray,
     variance: FloatArray,
     blocks: int,
 ) -> HeldOut:
@@ -430,8 +433,7 @@ def _score_of(
     variance = np.maximum(variance, series.smallest_variance)
     spread = np.sqrt(variance) * (1.0 if whitening.spread is None else whitening.spread) / whitening.gains[:, 0]
     density = -np.log(np.sqrt(2.0 * np.pi) * spread) - 0.5 * innovations**2 / variance
-    if jumps is not None:
-        density[jumps] -= 0.5 * JUMP_PENALTY * problem.log_size
+    np.subtract.at(density, jumps, 0.5 * JUMP_PENALTY * problem.log_size)
     first = _first_of(blocks, series.size)
     of_block = np.add.reduceat(density, first) / np.diff(first, append=series.size)
     return HeldOut(float(np.sqrt(np.mean(residual**2))), float(np.mean(density)), of_block)

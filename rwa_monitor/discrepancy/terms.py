@@ -22,7 +22,7 @@ from rwa_monitor.discrepancy.likelihood import NoiseLaw
 from rwa_monitor.discrepancy.problem import Problem
 from rwa_monitor.discrepancy.record import Record
 from rwa_monitor.discrepancy.unnamed import UnnamedEffect
-from rwa_monitor.samples import TINY, FloatArray
+from rwa_monitor.samples import TINY, FloatArray, IntArray
 from rwa_monitor.wheel.effects.base import Channels, MeanEffect, Shape
 from rwa_monitor.wheel.effects.formula import Formula
 from rwa_monitor.wheel.effects.torque_ripple import TorqueRipple
@@ -44,6 +44,8 @@ class Term:
         float64 (p,), bounds of the strengths.
     parameters
         Penalty for its parameters, in units of log N: their number, shape included, unless `_price` differs.
+    places
+        int64 (p,), sample at which each column begins where the columns are jumps of these records, as levels are.
     """
 
     effect: type[MeanEffect]
@@ -52,6 +54,7 @@ class Term:
     low: FloatArray
     high: FloatArray
     parameters: float
+    places: IntArray | None = None
 
 
 def make_term(
@@ -280,6 +283,11 @@ class Model:
         """Return the fitted strengths of term `index`."""
         begin = 1 + sum(term.columns.shape[1] for term in self.terms[:index])
         return self.fit.coefficients[begin : begin + self.terms[index].columns.shape[1]]
+
+    def of_own_jumps(self, size: int) -> FloatArray:
+        """Return the torque of jumps that are of these records alone (`Term.places`), float64 (size,) [N m]."""
+        own = (term.columns @ self.strengths(i) for i, term in enumerate(self.terms) if term.places is not None)
+        return np.sum([np.zeros(size), *own], axis=0)
 
     def is_minor(self, index: int, sign: FloatArray) -> bool:
         """Return whether a term's torque, where it acts, is within MODEL_ERROR of the largest other term's.

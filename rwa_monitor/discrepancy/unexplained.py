@@ -19,7 +19,15 @@ from rwa_monitor.discrepancy.fitting import Fitting
 from rwa_monitor.discrepancy.likelihood import ACCEPT_GAIN
 from rwa_monitor.discrepancy.problem import Problem
 from rwa_monitor.discrepancy.terms import Model, SearchResult, Term, make_term
-from rwa_monitor.discrepancy.unnamed import CURVES, UNNAMED, Periodic, PeriodicDrag, PeriodicRub, UnnamedEffect
+from rwa_monitor.discrepancy.unnamed import (
+    CURVES,
+    UNNAMED,
+    Periodic,
+    PeriodicDrag,
+    PeriodicRub,
+    UnnamedEffect,
+    between_recordings,
+)
 from rwa_monitor.messages import Unexplained
 from rwa_monitor.samples import TINY, FloatArray
 
@@ -166,6 +174,9 @@ def _curves(fitting: Fitting, model: Model) -> list[Term]:
     known = [curve for curve in CURVES if all(curve.quantity(one.channels) is not None for one in problem.records)]
     shown, _ = fitting.split_testable(known, model)
     terms = [make_term(problem, curve, {}, None) for curve in shown]
+    for effect, columns in between_recordings(problem):
+        free = np.full(columns.shape[1], np.inf)
+        terms.append(Term(effect, {}, columns, -free, free, columns.shape[1]))
     if problem.is_command:  # a command has no error that varies with time
         return terms
     for effect in (Periodic, PeriodicDrag):

@@ -272,6 +272,38 @@ CURVES: Final = (
 )
 
 
+class BetweenRecordings(UnnamedEffect):
+    """A viscous coefficient, or a torque of a fixed sign, of its own in each recording; see `between_recordings`."""
+
+    @classmethod
+    def columns(cls, channels: Channels, shape: Shape, memory: Memory = None) -> tuple[FloatArray, Memory]:
+        """Return zeros: which recording it is, the channels do not contain."""
+        del shape, memory
+        return np.zeros((len(channels), len(cls.parameters))), None
+
+
+VISCOUS_DIFFERS: Final = "a viscous drag that differs between the recordings"
+OFFSET_DIFFERS: Final = "a torque that differs between the recordings and does not flip with the direction"
+
+
+def between_recordings(problem: Problem) -> list[tuple[type[BetweenRecordings], FloatArray]]:
+    """Return what may differ between recordings, beside their levels, with its columns relative to the first (n, p).
+
+    The columns are multiplied by s, as those of terms are.
+    """
+    count = problem.starts.size - 1
+    which = np.repeat(np.arange(count), np.diff(problem.starts))
+    later = which[:, None] == np.arange(1, count)
+    both_ways = all(np.ptp(problem.sign[which == number]) > 0.0 for number in np.unique(which))
+    tried = [(VISCOUS_DIFFERS, problem.speed), *([(OFFSET_DIFFERS, problem.sign)] if both_ways else [])]
+    heights = tuple(Parameter(f"height_{i}", "-", -np.inf, np.inf, 0.0, linear=True) for i in range(count - 1))
+    return [
+        (type(signature, (BetweenRecordings,), {"name": signature, "signature": signature, "parameters": heights}), of)
+        for signature, of in ((name, later * of[:, None]) for name, of in tried)
+        if count > 1
+    ]
+
+
 def _waves(harmonics: int) -> tuple[Parameter, ...]:
     """Return the strengths of cosines and sines, and their frequency.
 

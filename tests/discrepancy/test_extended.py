@@ -59,9 +59,9 @@ def test_a_file_that_holds_the_wheel_without_the_effect_is_kept_and_takes_up_no_
 
 
 def test_a_file_learned_with_the_effect_in_it_gives_back_what_the_effect_takes_over() -> None:
-    learned = identify([("first", record(12))], built_in_wheel(), systems=False).wheel
+    learned = identify([("first", record(16))], built_in_wheel(), systems=False).wheel
     assert learned.nominal.viscous_Nm_s_rad > 1.2 * VISCOUS  # the slope of the concave drag is in it
-    search = searched(record(13), learned)
+    search = searched(record(17), learned)
     extension = extend(search)
     assert extension.treatment == "shifted"
     assert abs(extension.wheel.nominal.viscous_Nm_s_rad - VISCOUS) < 0.4 * (learned.nominal.viscous_Nm_s_rad - VISCOUS)

@@ -118,7 +118,7 @@ def test_every_sample_that_is_left_out_has_a_reason() -> None:
     assert made.left_out["at the end stop of a channel, or among such"] == np.count_nonzero(
         (current == stop) | (near.sum(axis=1) > 1)
     )
-    assert made.left_out["at corners of the speed, where derived friction is not known"] >= 4
+    assert made.left_out["at corners of the speed, where dω/dt is not known"] >= 4
     words = left_out_in_words([made, made])
     assert words.startswith("left out: 10 without a value of speed or torque, ")
     assert "at corners of the speed" in words
@@ -150,6 +150,35 @@ def test_inertia_shows_in_strokes_of_a_few_samples(error_kg_m2: float) -> None:
         slope[moving] = top * np.pi / (5.0 * PERIOD_S) * np.cos(np.pi * phase[moving])
     samples, _ = record(speed, (), lambda speed, level: error_kg_m2 * slope)
     assert names(search(samples[speed != 0.0]))[:1] == ["inertia_error"] * (error_kg_m2 > 0.0)
+
+
+@pytest.mark.parametrize("noise_rad_s", [0.0, 0.02])
+def test_an_inertia_error_in_trapezoidal_slews_is_no_set_of_jumps(noise_rad_s: float) -> None:
+    # A dω/dt that is smoothed over the corners leaves a pulse of half the step at each: levels explained the slews.
+    rng, at = np.random.default_rng(4), np.arange(6000)
+    corners = np.cumsum(rng.integers(150, 350, 60))
+    speed = np.interp(at, corners - corners[0], np.repeat(rng.uniform(-250.0, 250.0, 30), 2))
+    slope = np.diff(speed, append=speed[-1]) / PERIOD_S
+    samples, _ = record(speed, (), lambda speed, level: 0.02 * WHEEL.inertia_kg_m2 * slope)
+    found = search(replace(samples, speed_rad_s=speed + noise_rad_s * rng.normal(size=at.size)))
+    assert names(found) == ["inertia_error"]
+    assert not found.result.unexplained
+    strength = found.result.effects[0].parameters["strength_kg_m2"]
+    assert strength.value == pytest.approx(0.02 * WHEEL.inertia_kg_m2, rel=0.01)
+    assert found.extended.fit.jumps.size < 4
+
+
+def test_the_slope_of_the_speed_is_exact_up_to_a_corner() -> None:
+    at = np.arange(4000)
+    slope = np.repeat(np.resize([1.0, 0.0, -1.0, 0.0], 40), 100)  # per slot
+    samples, _ = record(100.0 + np.append(0.0, np.cumsum(slope[:-1])), ())
+    made = make_record(samples, WHEEL, "slews")
+    error = np.abs(made.channels.acceleration_rad_s2 * PERIOD_S - slope)
+    # The noise of the speed is 0.01 rad/s; a slope from six slots has a fourth of it, five standard deviations here.
+    assert np.max(error[made.used]) < 5 * 0.01 / 4.2
+    assert (
+        np.count_nonzero(at % 100 == 0) - 1 <= made.left_out["at corners of the speed, where dω/dt is not known"] <= 40
+    )
 
 
 @pytest.mark.parametrize("backwards", [False, True])

@@ -9,7 +9,9 @@ from rwa_monitor.discrepancy.find import find_discrepancy
 from rwa_monitor.discrepancy.fitting import Fitting
 from rwa_monitor.discrepancy.plan import plan
 from rwa_monitor.discrepancy.unexplained import with_nonparametric_curves
+from rwa_monitor.discrepancy.unnamed import OFFSET_DIFFERS, VISCOUS_DIFFERS
 from rwa_monitor.reporting.discrepancy_report import sentence
+from rwa_monitor.samples import Samples
 from rwa_monitor.wheel.wheel import Wheel
 from tests.discrepancy.simple import DRY_NM, NOISE_NM, PERIOD_S, VISCOUS, WHEEL, Array, names, record, search, swing
 from tests.discrepancy.smooth import null_record, problem_of, smooth_record, two_sines
@@ -140,6 +142,30 @@ def test_pockets_of_oil_are_jumps_that_relax_and_no_further_system(height: float
     assert relaxing.columns.shape[1] == len(POCKETS)
     np.testing.assert_allclose(heights, height * DRY_NM * (1.0 + 0.2 * np.arange(len(POCKETS))), rtol=0.15)
     assert [block.name for block in extended_wheel(found).effect] == ["decaying_jump"]
+    gain = found.result.gain  # held out and simulated, the jumps of the records are fitted, as their levels are
+    assert not gain.is_a_loss
+    assert not gain.simulated.is_a_loss
+    assert gain.rmse_extended_Nm < 1.05 * NOISE_NM
+
+
+@pytest.mark.parametrize(
+    ("viscous", "offset", "signature"),
+    [
+        ((1.0, 1.1), (0.0, 0.0), VISCOUS_DIFFERS),
+        ((1.0, 1.0), (0.0, 0.1), OFFSET_DIFFERS),
+        ((1.0, 1.0), (0.05, 0.05), None),
+    ],
+)
+def test_what_differs_between_recordings_is_reported_and_is_no_noise(
+    viscous: tuple[float, float], offset: tuple[float, float], signature: str | None
+) -> None:
+    def recording(number: int) -> Samples:
+        added, torque = (viscous[number] - 1.0) * VISCOUS, offset[number] * DRY_NM
+        return record(swing(1500, period_s=150.0), (), lambda speed, _: added * speed + torque, seed=number)[0]
+
+    result = find_discrepancy([("first", recording(0)), ("second", recording(1))], UNKNOWN).result
+    assert (result.unexplained and result.unexplained.signature) == signature
+    assert [effect.name for effect in result.effects] == ([] if signature else ["torque_bias"])
 
 
 @pytest.mark.parametrize("seed", [0, pytest.param(1, marks=pytest.mark.slow)])
