@@ -4,7 +4,8 @@ Torque and dω/dt step simultaneously where a slew begins or ends. If the curren
 large as the step, as long as the delay. The catalogue's effect, of first order in the delay, can give a spike of any
 height there. Shifting the torque by whole or half slots instead removes the pulse at the right delay, and adds pulses
 at a wrong one. Before it is compared with a filtered dω/dt, the torque is averaged in the same way. The impulse of the
-pulses determines the delay to a fraction of a slot.
+pulses determines the delay to a fraction of a slot. In a motion without such steps, the shift is taken that lets a law
+of speed and acceleration fit best.
 """
 
 from __future__ import annotations
@@ -32,6 +33,7 @@ STEP_ROUGHNESS: Final = 10.0  # times the roughness due to noise, above which a 
 RESIDUAL_SHARE: Final = 0.5  # of the roughness of a step may remain after a shift by whole slots
 RESIDUAL_SHARE_HALF: Final = 0.2  # the same by half a slot: a mean of two slots halves the roughness of any step
 LEAST_ROUGHNESS: Final = 2.0  # times the roughness due to noise, below which no delay is sought
+LEAST_COVERED: Final = 0.5  # of the slots, whose differences a best fit must contain
 WITHIN_A_SLOT: Final = 1.0 / 12.0  # slots²: variance of a uniform position within a slot
 HELD_WITHIN: Final = 0.05  # slots of -½, within which the torque is taken as held from sample to sample
 HELD_STDS: Final = 3.0  # the same in standard deviations of the delay
@@ -68,11 +70,16 @@ class Delay:
 
 
 def find_delay(motions: Sequence[Motion], wheel: Wheel) -> Delay | None:
-    """Return the delay of the current relative to the speed, from steps of the torque; None where it is not found."""
+    """Return the delay of the current relative to the speed; None where it is not found."""
     known = [motion.speed_rad_s[np.isfinite(motion.speed_rad_s)] for motion in motions]
     turns = sum(int(np.count_nonzero(np.diff(np.sign(speed)))) for speed in known)
     between = sum(speed.size for speed in known) // (turns + 1)
     most = max(1, min(int(LONGEST_S / wheel.sample_period_s), MOST_SLOTS, int(OF_A_SWEEP * between)))
+    return _by_steps(motions, wheel, most) or _by_best_fit(motions, wheel, most)
+
+
+def _by_steps(motions: Sequence[Motion], wheel: Wheel, most: int) -> Delay | None:
+    """Return the delay, of at most so many slots, from steps of the torque; None where they do not show one."""
     halves = np.arange(-2 * most, 2 * most + 1)
     at = 2 * most  # no shift
     around = [of_one for motion in motions if (of_one := _roughness(motion, wheel, halves)) is not None]
@@ -143,6 +150,42 @@ def _by_impulse(motions: Sequence[Motion], wheel: Wheel, reach: int) -> tuple[fl
     # A few impulses may lie on a line by chance: their scatter is taken as at least that of the noise.
     std = float(np.sqrt(max(left @ left / (impulse.size - 1), np.mean(noise**2)) / energy))
     return (late, std) if 2.0 * stats.norm.sf(abs(late), scale=std) <= CHANCE else None
+
+
+def _by_best_fit(motions: Sequence[Motion], wheel: Wheel, most: int) -> Delay | None:
+    """Return the delay, in whole slots, with which dry and viscous friction, an offset and an inertia error fit best.
+
+    Differences over a lag longer than all shifts are fitted, in which a jump of the friction is short. A shift that is
+    off by x adds a sum of squares in proportion to x²: at twice the delay it is that at none. A part of a slot is left
+    to the first-order effect.
+    """
+    products, size, count = np.zeros((2 * most + 5, 2 * most + 5)), 0, 0
+    for motion in motions:
+        if motion.torque_Nm is None or (motion.friction_Nm is None and wheel.inertia_kg_m2 is None):
+            return None
+        accelerating, lag = _accelerating(motion, wheel)
+        torque = motion.torque_Nm if motion.friction_Nm is not None else _averaged_torque(motion.torque_Nm, wheel)[0]
+        speed = motion.speed_rad_s
+        law = (np.sign(speed), speed, accelerating, np.ones(speed.size))
+        shifted = (_shifted(torque, slots) - accelerating for slots in range(-most, most + 1))
+        rows = np.stack([_difference(row, most + 2 * lag) for row in (*law, *shifted)])
+        rows = rows[:, np.isfinite(rows).all(axis=0) & ~_near_reversals(motion, max(lag, most))]
+        products += rows @ rows.T
+        size, count = size + speed.size, count + rows.shape[1]
+    if count < LEAST_COVERED * size:
+        return None
+    across = products[:4, 4:]
+    left = products.diagonal()[4:] - np.sum(across * np.linalg.lstsq(products[:4, :4], across)[0], axis=0)
+    best = int(np.argmin(left))
+    if not 0 < best < 2 * most or left[best] > RESIDUAL_SHARE * left[most]:
+        return None
+    curvature = float(left[best - 1] - 2.0 * left[best] + left[best + 1])
+    late = best - most + float(left[best - 1] - left[best + 1]) / (2.0 * curvature)
+    mirrored = most + round(2.0 * late)
+    if not 0 <= mirrored <= 2 * most or left[mirrored] < RESIDUAL_SHARE * left[most]:
+        return None
+    gain = count * float(np.log(left[most] / left[best]))
+    return Delay(best - most, 0.0, float(best - most), float(np.sqrt(WITHIN_A_SLOT)), gain)
 
 
 def _impulses(motion: Motion, wheel: Wheel, reach: int) -> tuple[FloatArray, FloatArray, FloatArray]:

@@ -136,3 +136,42 @@ def test_recordings_of_one_wheel_show_one_delay() -> None:
     one = found(motion(0.5, 0))
     both = found(motion(0.5, 0), motion(0.5, 1))
     assert both.std_slots < one.std_slots
+
+
+def swinging(late_slots: float, seed: int, sines: int = 2, breakaway_rad: float = 0.0) -> Motion:
+    """Return a wheel that swings through zero without steps of its torque; friction is to be derived.
+
+    Its dry friction builds up over the angle from a reversal (P. R. Dahl, 1968).
+    """
+    time_s = np.arange(COUNT * FINE) * PERIOD_S / FINE
+    waves = [(250.0, 0.05), (120.0, 0.13)][:sines]
+    speed = np.sum([size * np.sin(rate * time_s) for size, rate in waves], axis=0)
+    slope = np.sum([size * rate * np.cos(rate * time_s) for size, rate in waves], axis=0)
+    dry, bent = np.sign(speed), -1.0
+    if breakaway_rad:
+        for i, (sign, step) in enumerate(zip(dry.tolist(), (speed * PERIOD_S / FINE).tolist(), strict=True)):
+            bent = float(np.clip(bent + (1.0 - sign * bent) * step / breakaway_rad, -1.0, 1.0))
+            dry[i] = bent
+    torque = shift(INERTIA * slope + DRY_NM * dry + VISCOUS * speed, late_slots * FINE, order=1, mode="nearest")
+    noise = np.random.default_rng(seed).standard_normal(COUNT)
+    return Motion(sampled(speed), sampled(torque) + NOISE_NM * noise, None)
+
+
+SWINGING = with_window(WHEEL.model_copy(update={"inertia_kg_m2": INERTIA}), 2 * PERIOD_S)
+
+
+@pytest.mark.parametrize("late_slots", [1.0, -2.0, 3.4, 5.0])
+def test_a_motion_without_steps_shows_a_delay_of_whole_slots(late_slots: float) -> None:
+    for seed in range(3):
+        delay = find_delay([swinging(late_slots, seed)], SWINGING)
+        assert delay.late_slots == delay.slots == round(late_slots)
+
+
+@pytest.mark.parametrize("breakaway_rad", [0.0, 3.0, 30.0])
+def test_a_motion_without_steps_and_delay_shows_none(breakaway_rad: float) -> None:
+    for seed in range(3):
+        assert find_delay([swinging(0.0, seed, breakaway_rad=breakaway_rad)], SWINGING) is None
+
+
+def test_in_a_single_sine_a_delay_is_viscous_friction() -> None:
+    assert find_delay([swinging(3.0, 0, sines=1)], SWINGING) is None
