@@ -286,8 +286,10 @@ class Model:
 
     def of_own_jumps(self, size: int) -> FloatArray:
         """Return the torque of jumps that are of these records alone (`Term.places`), float64 (size,) [N m]."""
-        own = (term.columns @ self.strengths(i) for i, term in enumerate(self.terms) if term.places is not None)
-        return np.sum([np.zeros(size), *own], axis=0)
+        torque = np.zeros(size)
+        for i, term in enumerate(self.terms):
+            torque += term.columns @ self.strengths(i) if term.places is not None else 0.0
+        return torque
 
     def is_minor(self, index: int, sign: FloatArray) -> bool:
         """Return whether a term's torque, where it acts, is within MODEL_ERROR of the largest other term's.

@@ -174,9 +174,9 @@ def _curves(fitting: Fitting, model: Model) -> list[Term]:
     known = [curve for curve in CURVES if all(curve.quantity(one.channels) is not None for one in problem.records)]
     shown, _ = fitting.split_testable(known, model)
     terms = [make_term(problem, curve, {}, None) for curve in shown]
-    for effect, columns in between_recordings(problem):
+    for curve, columns in between_recordings(problem):
         free = np.full(columns.shape[1], np.inf)
-        terms.append(Term(effect, {}, columns, -free, free, columns.shape[1]))
+        terms.append(Term(curve, {}, columns, -free, free, columns.shape[1]))
     if problem.is_command:  # a command has no error that varies with time
         return terms
     for effect in (Periodic, PeriodicDrag):
