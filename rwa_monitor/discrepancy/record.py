@@ -188,12 +188,11 @@ def make_record(samples: Samples, wheel: Wheel, source: str, delay: alignment.De
         assert torque is not None, "there is a source"
         known = derived_friction(speed, torque, wheel, motion.torque_step_Nm)
         friction, corrected, corners, error = known.friction_Nm, known.corrected, known.corners, known.filter_error_Nm
-        at_corner = np.zeros(speed.size, dtype=np.bool_)
         hole, reach = half_width(wheel.friction.derivative, wheel.sample_period_s), SMOOTHING_REACH
     else:
         (hole, reach), corners = _fitting_reach(speed), 0
-        at_corner = _corners(speed, hole + reach)
 
+    at_corner = _corners(speed, hole + reach)
     noise = _speed_noise(speed)
     channels = _channels(samples, motion, friction, slot, wheel, _slope(speed, hole, reach, at_corner))
     good, direction = channels.good, channels.direction
@@ -202,7 +201,9 @@ def make_record(samples: Samples, wheel: Wheel, source: str, delay: alignment.De
     # A dead zone of the readings hides the reversals from which averaging is recognised: it is then assumed.
     channels = replace(channels, averaged=bool(averaged.any()) or motion.zone is not None)
     used = moving & ~averaged
-    if _count(used) >= FEWEST_FOR_JUMPS:  # with fewer no jumps are tried, that would explain the pulse of a corner
+    if _count(used) >= FEWEST_FOR_JUMPS:  # with fewer no jumps are tried, which would explain the pulse of a corner
+        if derived and hole:  # the filter of dω/dt reaches the corner from all these
+            at_corner = binary_dilation(at_corner, iterations=hole)
         corners += _count(used & at_corner)
         used &= ~at_corner
     return Record(
@@ -502,8 +503,8 @@ def _slope(speed: FloatArray, hole: int, reach: int, corners: BoolArray) -> Floa
     rise /= np.sum(rise**2)
     after, before = (correlate1d(_without_gaps(speed), of, mode="nearest") for of in (rise, -rise[::-1]))
     ahead, behind = (
-        maximum_filter1d(corners, far + 1, mode="constant", cval=1, origin=origin)
-        for origin in (-(far // 2), (far + 1) // 2)
+        sliding_window_view(np.pad(corners, ends, constant_values=True), far + 1).any(axis=1)
+        for ends in ((0, far), (far, 0))
     )
     slope = np.where(ahead & ~behind, before, slope)
     return np.where(behind & ~ahead, after, slope)
@@ -516,7 +517,7 @@ def _corners(speed: FloatArray, reach: int) -> BoolArray:
     are so dense that few slots have a line beside them.
     """
     corners, width = np.zeros(speed.size, dtype=np.bool_), 2 * reach + 1
-    if speed.size < width:
+    if speed.size < width or reach < SMOOTHING_REACH:
         return corners
 
     def missed(values: FloatArray, degree: int) -> FloatArray:
