@@ -54,6 +54,7 @@ SMOOTHING_WIDTHS: Final = (5, 7, 11, 15, 21, 31, 41)  # slots that a parabola is
 NEARLY_ALL: Final = 0.9  # of the square of dω/dt, for which slots are then used that miss no more than the rest
 CORNER_CHANCE: Final = 1e-3  # probability that two straight lines of the speed are not recognised
 FEWEST_FOR_JUMPS: Final = 200  # samples; with fewer, neither jumps nor a noise law are identifiable: none are tried
+LOST_DIGITS: Final = 1e-12  # of the mean square of the speed: noise below it is lost in sums of squares
 NEAR_CORNERS: Final = 0.5  # of the slots: a record with more of them near corners is not made of lines
 SMOOTHING_REACH: Final = 6  # slots beyond the excluded ones, on each side, from which motion is estimated
 
@@ -516,23 +517,26 @@ def _corners(speed: FloatArray, reach: int) -> BoolArray:
     Two lines fit these slots within the noise, and one parabola, as for a smooth motion, does not. None where corners
     are so dense that few slots have a line beside them.
     """
-    corners, width = np.zeros(speed.size, dtype=np.bool_), 2 * reach + 1
-    if speed.size < width or reach < SMOOTHING_REACH:
-        return corners
+    width = 2 * reach + 1
+    if speed.size < width or reach < SMOOTHING_REACH or not np.isfinite(speed).any():
+        return np.zeros(speed.size, dtype=np.bool_)
+    speed = speed - np.nanmean(speed)  # sums of squares then lose fewer digits
 
-    def missed(values: FloatArray, degree: int) -> FloatArray:
-        """Return the sum of squares by which values, float64 (n, m), miss a polynomial, float64 (n,)."""
-        basis = np.linalg.qr(np.vander(np.arange(values.shape[1]), degree + 1))[0]
-        return np.asarray(np.sum((values - values @ basis @ basis.T) ** 2, axis=1))
+    def missed(first: int, last: int, degree: int) -> FloatArray:
+        """Return by how much a polynomial misses the slots from `first` to `last` beside each, a sum of squares."""
+        at, basis = np.arange(first, last + 1), np.zeros((width, degree + 1))
+        basis[at + reach] = np.linalg.qr(np.vander(at, degree + 1))[0]
+        inside = basis.any(axis=1).astype(np.float64)
+        parts = (correlate1d(speed, basis[:, i], mode="constant", cval=np.nan) ** 2 for i in range(degree + 1))
+        return np.asarray(correlate1d(speed**2, inside, mode="constant", cval=np.nan) - sum(parts))
 
-    around = sliding_window_view(speed, width)
-    by_lines = missed(around[:, :reach], 1) + missed(around[:, reach + 1 :], 1)
-    most = stats.chi2.isf(CORNER_CHANCE, 2 * (reach - 2)) * _noise_of_differences(speed)
-    is_corner = (by_lines <= most) & (missed(around, 2) > by_lines + most)
-    gain = np.where(is_corner, missed(around, 1) - by_lines, 0.0)
+    by_lines = missed(-reach, -1, 1) + missed(1, reach, 1)
+    noise = max(_noise_of_differences(speed), LOST_DIGITS * float(np.nanmean(speed**2)))
+    most = stats.chi2.isf(CORNER_CHANCE, 2 * (reach - 2)) * noise
+    is_corner = (by_lines <= most) & (missed(-reach, reach, 2) > by_lines + most)
+    gain = np.where(is_corner, missed(-reach, reach, 1) - by_lines, 0.0)
     is_corner &= gain == maximum_filter1d(gain, width)
-    corners[reach:-reach] = is_corner & (_count(is_corner) * width < NEAR_CORNERS * speed.size)
-    return corners
+    return is_corner & (_count(is_corner) * width < NEAR_CORNERS * speed.size)
 
 
 def _without_gaps(values: FloatArray) -> FloatArray:
