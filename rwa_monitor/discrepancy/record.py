@@ -524,11 +524,13 @@ def _corners(speed: FloatArray, reach: int) -> BoolArray:
 
     def missed(first: int, last: int, degree: int) -> FloatArray:
         """Return by how much a polynomial misses the slots from `first` to `last` beside each, a sum of squares."""
-        at, basis = np.arange(first, last + 1), np.zeros((width, degree + 1))
-        basis[at + reach] = np.linalg.qr(np.vander(at, degree + 1))[0]
-        inside = basis.any(axis=1).astype(np.float64)
-        parts = (correlate1d(speed, basis[:, i], mode="constant", cval=np.nan) ** 2 for i in range(degree + 1))
-        return np.asarray(correlate1d(speed**2, inside, mode="constant", cval=np.nan) - sum(parts))
+        at, weights = np.arange(first, last + 1), np.zeros((degree + 2, width))
+        weights[0, at + reach] = 1.0
+        weights[1:, at + reach] = np.linalg.qr(np.vander(at, degree + 1))[0].T
+        squares, *parts = (
+            correlate1d(speed if i else speed**2, weights[i], mode="constant", cval=np.nan) for i in range(degree + 2)
+        )
+        return np.asarray(squares - np.sum(np.square(parts), axis=0))
 
     by_lines = missed(-reach, -1, 1) + missed(1, reach, 1)
     noise = max(_noise_of_differences(speed), LOST_DIGITS * float(np.nanmean(speed**2)))
