@@ -16,7 +16,7 @@ from rwa_monitor.errors import InputError
 from rwa_monitor.reporting.discrepancy_report import steps_in_words
 from rwa_monitor.samples import Samples
 from rwa_monitor.wheel.torque_balance import inertia_of
-from rwa_monitor.wheel.wheel import Limits
+from rwa_monitor.wheel.wheel import Limits, Wheel
 from tests.discrepancy.simple import (
     DRY_NM,
     NOISE_NM,
@@ -176,6 +176,20 @@ def test_the_slope_of_the_speed_is_exact_up_to_a_corner() -> None:
     # The noise of the speed is 0.01 rad/s; a slope from six slots has a fourth of it, five standard deviations here.
     assert np.max(error[made.used]) < 5 * 0.01 / 4.2
     assert 39 <= made.left_out["at corners of the speed, where dω/dt is not known"] <= 40
+
+
+def test_corners_of_ramps_are_left_out_where_friction_itself_changes_within_the_filter() -> None:
+    rng, at = np.random.default_rng(0), np.arange(4000) * 0.02
+    speed = 2.0 * np.interp(at, np.linspace(0.0, 80.0, 7), np.resize([-1.0, 1.0], 7))
+    drag = 5.0 * np.sign(speed) + 2.0 * speed
+    torque = drag + 3.0 * np.gradient(speed, 0.02) + rng.normal(0.0, 0.05, at.size)
+    ramps = sampled(speed + rng.normal(0.0, 1e-3, at.size), period_s=0.02, motor_torque_Nm=torque)
+    wheel = Wheel(name="geared", sample_period_s=0.02, inertia_kg_m2=3.0)
+    made = make_record(ramps, wheel, "ramps")
+    near = np.abs(at[:, None] - np.arange(1, 6) * 80.0 / 6).min(axis=1) < 0.4
+    assert not made.used[near].any()
+    assert np.mean(made.used[~near]) > 0.8
+    assert names(search(ramps, wheel)) == []
 
 
 @pytest.mark.parametrize("rows", [30, 40, 64])

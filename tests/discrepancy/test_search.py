@@ -71,6 +71,21 @@ def test_an_offset_in_a_few_dwells_may_be_an_asymmetry() -> None:
     assert {effect.name, *effect.equivalent} >= {"torque_bias", "coulomb_asymmetry"}
 
 
+@pytest.mark.parametrize("seed", range(2))
+def test_an_error_of_the_inertia_is_found_in_short_slews_between_long_dwells(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    speeds = rng.uniform(-60.0, 60.0, 24)
+    slews_s = np.abs(np.diff(speeds, prepend=0.0)) / 3.0  # at 3 rad/s²
+    ends_s = np.cumsum(slews_s + 25.0)
+    corners_s = np.stack([ends_s - slews_s, ends_s], axis=1).ravel()
+    speed = np.interp(np.arange(8000) * PERIOD_S, corners_s, np.repeat(np.append(0.0, speeds), 2)[1:-1])
+    missed = 0.02 * WHEEL.inertia_kg_m2 * np.gradient(speed, PERIOD_S)
+    found = search(record(speed, (1500,), lambda *_: missed, seed=seed)[0])
+    assert names(found) == ["inertia_error"]
+    error = found.result.effects[0].parameters["strength_kg_m2"]
+    assert error.value == pytest.approx(0.02 * WHEEL.inertia_kg_m2, abs=5.0 * error.std)
+
+
 def test_the_answer_does_not_depend_on_threads() -> None:
     def hidden(speed: np.ndarray, level: np.ndarray) -> np.ndarray:
         return 2e-4 * np.exp(-np.abs(speed) / 10.0) * np.sign(speed) + 1e-4
