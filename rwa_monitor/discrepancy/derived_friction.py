@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from scipy.ndimage import binary_dilation, correlate1d, maximum_filter, uniform_filter1d
+from scipy.ndimage import binary_closing, binary_dilation, correlate1d, maximum_filter, uniform_filter1d
 
 from rwa_monitor.discrepancy.bench import LEAST_HALF
 from rwa_monitor.samples import BoolArray, FloatArray, Samples
@@ -98,6 +98,7 @@ def derived_friction(speed: FloatArray, torque: FloatArray, wheel: Wheel, torque
     corner = (np.abs(bias) > CORNER * sigma) & (most_uncertain > DISAGREEMENT_SHARE * largest)
     corner |= (uncertainty > DISAGREEMENT_STDS * sigma) & (uncertainty > DISAGREEMENT_SHARE * largest)
     hidden = unknown | stepped | binary_dilation(corner, iterations=CORNER_REACH)
+    hidden |= binary_closing(hidden)  # one or two samples between: the bias changes its sign, and is small by chance
     # A step of torque in the first or last samples has no slots beyond it from which to detect it.
     at = np.flatnonzero(np.isfinite(friction))
     if at.size > 2 * hole:

@@ -203,7 +203,7 @@ def make_record(samples: Samples, wheel: Wheel, source: str, delay: alignment.De
     channels = replace(channels, averaged=bool(averaged.any()) or motion.zone is not None)
     used = moving & ~averaged
     if _count(used) >= FEWEST_FOR_JUMPS:  # with fewer no jumps are tried, which would explain the pulse of a corner
-        if derived and hole:  # the filter of dω/dt reaches the corner from all these
+        if derived:  # the filter of dω/dt reaches the corner from all these
             at_corner = binary_dilation(at_corner, iterations=hole)
         corners += _count(used & at_corner)
         used &= ~at_corner
