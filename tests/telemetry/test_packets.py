@@ -1,6 +1,7 @@
 """Space packets: what a definition and a map make of them, to what they resolve, and everything that is wrong."""
 
 import math
+import re
 from collections.abc import Iterable
 from datetime import UTC, datetime
 from pathlib import Path
@@ -12,7 +13,7 @@ from spacepackets.ccsds.spacepacket import PacketType, SequenceFlags, SpacePacke
 from rwa_monitor.errors import InputError
 from rwa_monitor.samples import CHANNELS, Samples
 from rwa_monitor.telemetry.ccsds_packets import PacketDecoder, read_packets
-from rwa_monitor.telemetry.reader import Decoding, TextFile, joined, only_wheel, read_decoding
+from rwa_monitor.telemetry.reader import Decoding, TextFile, joined, only_wheel
 from tests.telemetry import packets as made
 from tests.telemetry.packet_writer import FIELDS, FIRST_APID, XTCE_FILE, example_decoding, packets_of, write_packets
 
@@ -35,12 +36,11 @@ def times_of(packets: Iterable[bytes]) -> list[int]:
 def test_samples_come_back_within_what_a_packet_resolves(tmp_path: Path) -> None:
     written = made.samples(300)
     path = tmp_path / "day.ccsds"
-    write_packets(written, path)
-    found = read_packets(path, read_decoding(Path(f"{path}.map.toml"), Path(f"{path}.xtce.xml")))
-    assert not found.problems
-    assert not found.notes
-    read = joined(only_wheel(found, "test"))
-    assert (only_wheel(found, "test").spacecraft, only_wheel(found, "test").wheel) == ("simulated", "wheel_1")
+    found = read_packets(path, write_packets(written, path))
+    assert (list(found.problems), list(found.notes)) == ([], [])
+    entry = only_wheel(found, "test")
+    assert (entry.spacecraft, entry.wheel) == ("simulated", "wheel_1")
+    read = joined(entry)
     assert np.abs(read.time_ns - written.time_ns).max() <= 30  # half of 2⁻²⁴ s is 29.8 ns
     for entry in FIELDS:
         one, two = getattr(written, entry.channel), getattr(read, entry.channel)
@@ -212,10 +212,8 @@ BAD_MAPS = {
 
 @pytest.mark.parametrize(("text", "reason"), BAD_MAPS.values(), ids=BAD_MAPS)
 def test_a_bad_map_is_refused_with_its_place(text: str, reason: str) -> None:
-    with pytest.raises(InputError) as caught:
+    with pytest.raises(InputError, match=rf"m\.toml: .*{re.escape(reason)}"):
         decoder(made.with_map(text))
-    assert str(caught.value).startswith("m.toml: ")
-    assert reason in str(caught.value)
 
 
 def test_the_map_may_state_another_unit_than_the_definition() -> None:
@@ -266,9 +264,7 @@ def test_containers_that_hold_each_other_twice_are_refused_before_a_packet_is_re
 
 def test_without_a_map_or_a_definition_what_is_missing_is_reported() -> None:
     for decoding in (Decoding(), Decoding(made.decoding().map), Decoding(None, made.decoding().xtce)):
-        with pytest.raises(
-            InputError, match="--xtce gives their definition, and --map which parameter is which channel"
-        ):
+        with pytest.raises(InputError, match="--xtce gives their definition, and --map which parameter is which"):
             decoder(decoding)
 
 
