@@ -38,7 +38,9 @@ def read_telemetry(path: Path, decoding: Decoding = NO_DECODING) -> TelemetryFil
     kind = file_format(path)
     if kind == "csv" and decoding.xtce is not None and path.suffix.lower() != ".csv":
         kind = "packets"  # neither first bytes nor suffix identify the format, but a definition of packets is given
-    return READERS[kind](path, decoding)
+    content, source = READERS[kind](path, decoding), display_name(path)
+    problems, notes = ([f"{source}: {line}" for line in lines] for lines in (content.problems, content.notes))
+    return content._replace(problems=problems, notes=notes)
 
 
 def _read_table(path: Path, decoding: Decoding) -> TelemetryFile:
@@ -52,7 +54,7 @@ def _read_table(path: Path, decoding: Decoding) -> TelemetryFile:
             " down with its motor off, --motor-off or motor_off = true in the wheel file's [friction] will do"
         )
         raise InputError(source, f"{reason}; {ignored}" if ignored else reason)
-    notes = [*table.notes, *([f"{source}: {ignored}"] if ignored else [])]
+    notes = [*table.notes, *([ignored] if ignored else [])]
     return TelemetryFile([WheelTelemetry(source, "", None, [SampleBatch(table.samples)])], notes=notes)
 
 
@@ -88,8 +90,8 @@ def _read_mcap(path: Path, decoding: Decoding) -> TelemetryFile:
     return TelemetryFile(
         telemetry,
         setup.model if setup else None,
-        [f"{source}: {problem}" for problem in recording.problems],
-        [f"{source}: {counted(len(refused), 'message')} refused, the first: {refused[0]}"] if refused else [],
+        recording.problems,
+        [f"{counted(len(refused), 'message')} refused, the first: {refused[0]}"] if refused else [],
     )
 
 

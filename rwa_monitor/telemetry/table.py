@@ -212,8 +212,7 @@ def read_table(path: Path, pulses_per_turn: int | None = None) -> SampleTable:
         )
     pulses = Samples(time_ns=time_ns, **{SPEED: np.full(time_ns.size, np.nan), **channels})
     turning = speed_of_pulses(pulses, pulses_per_turn, source)
-    note = f"{source}: {turning.in_words(len(pulses), pulses_per_turn)}"
-    return SampleTable(turning.samples, layout.ignored, (note,))
+    return SampleTable(turning.samples, layout.ignored, (turning.in_words(len(pulses), pulses_per_turn),))
 
 
 # ---- CSV: comma-separated UTF-8, one header row; read as text, so that every bad value can be named ------------------

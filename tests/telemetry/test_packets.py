@@ -149,7 +149,7 @@ def test_a_cut_file_gives_what_is_whole_and_the_rest_is_reported(tmp_path: Path,
     whole = len(data) // len(made.packets(1)[0])
     assert len(joined(only_wheel(found, "test"))) == whole
     stop = whole * len(made.packets(1)[0])
-    assert list(found.problems) == [f"{path}: bytes {stop} to {len(data)} of {len(data)} are no whole packet"]
+    assert list(found.problems) == [f"bytes {stop} to {len(data)} of {len(data)} are no whole packet"]
 
 
 def test_what_is_bad_in_a_file_is_a_problem_and_what_is_unknown_a_note(tmp_path: Path) -> None:
