@@ -28,12 +28,7 @@ from rwa_monitor.monitor.recording import (
 from rwa_monitor.monitor.setup import read_model, read_scenario, read_wheel
 from rwa_monitor.telemetry.files import PIECE_BYTES
 from rwa_monitor.telemetry.labels import MAX_LABELS_BYTES, read_labels
-from rwa_monitor.telemetry.table import (
-    MAX_COLUMNS,
-    MAX_ROWS,
-    MAX_TABLE_BYTES,
-    read_table,
-)
+from rwa_monitor.telemetry.table import MAX_COLUMNS, MAX_ROWS, MAX_TABLE_BYTES, read_table
 from rwa_monitor.wheel.file_content import MAX_CONTENT_BYTES
 from tests.monitor.recordings import chunk, record
 from tests.program import run

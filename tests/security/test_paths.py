@@ -24,13 +24,9 @@ LEADING_OUT = ["..", ".", "", "/", "/etc", "../x", "a/b", "~/x y", "*", "**", "$
 
 @pytest.mark.parametrize("name", LEADING_OUT)
 def test_a_key_names_nothing_that_is_no_plain_name(name: str) -> None:
-    for parts in (
-        ("rwa", name, "wheel", "samples"),
-        ("rwa", "sat", name, "samples"),
-        (name, "sat", "wheel", "samples"),
-    ):
+    for key in (f"rwa/{name}/wheel/samples", f"rwa/sat/{name}/samples", f"{name}/sat/wheel/samples"):
         with pytest.raises(InputError) as caught:
-            split_key("/".join(parts))
+            split_key(key)
         assert str(caught.value).isprintable()
 
 

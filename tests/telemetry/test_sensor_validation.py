@@ -68,8 +68,7 @@ def test_healthy_sensors_are_believed(kind: str) -> None:
 @pytest.mark.parametrize("broken", ["speed", "torque"])
 @pytest.mark.parametrize("slots", [100, 20_000])
 def test_a_sensor_that_hangs_is_masked_from_its_first_repetition_on(kind: str, broken: str, slots: int) -> None:
-    samples = telemetry(kind)
-    channel = "speed_rad_s" if broken == "speed" else SOURCE[kind]
+    samples, channel = telemetry(kind), "speed_rad_s" if broken == "speed" else SOURCE[kind]
     value = getattr(samples, channel)[FROM]
     window, core, events = diagnosed(changed(samples, channel, slice(FROM, FROM + slots), value))
     whole, _, _ = diagnosed(samples)
@@ -175,10 +174,8 @@ def judged(values: FloatArray, limit: float = np.inf) -> FloatArray:
 
 def test_a_noiseless_record_that_stands_still_does_not_hang() -> None:
     slot = np.arange(4_000)
-    moving = np.minimum(np.abs(np.sin(slot / 300.0)), 0.7)
-    assert not judged(moving).any()
-    ramp = np.minimum(slot * 0.1, 150.0)
-    assert not judged(ramp).any()
+    for moving in (np.minimum(np.abs(np.sin(slot / 300.0)), 0.7), np.minimum(slot * 0.1, 150.0)):
+        assert not judged(moving).any()
 
 
 @pytest.mark.parametrize("step", [0.5, 1.0, 2.0, 4.0, 10.0])

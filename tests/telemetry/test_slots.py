@@ -66,8 +66,7 @@ def held(measured: FloatArray, cuts: list[int] | None = None) -> tuple[FloatArra
     for start, stop in pairwise([0, *sorted(cuts or []), measured.size]):
         temperature, error, memory = held_temperature(measured[start:stop], PERIOD_S, 20.0, memory)
         found.append((temperature, error))
-    temperature, error = (np.concatenate(parts) for parts in zip(*found, strict=True))
-    return temperature, error
+    return tuple(map(np.concatenate, zip(*found, strict=True)))
 
 
 def swinging(digits_K: float = 0.0) -> FloatArray:
