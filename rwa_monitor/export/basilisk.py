@@ -71,7 +71,7 @@ def basilisk_files(model: FrictionModel) -> dict[str, bytes]:
     """Return the Python module, the library that it loads, and the library's sources; errors as for `fmu_files`."""
     top = model.nominal.nominal_speed_rad_s
     sources = c_files(model)
-    text = render(
+    module = render(
         "rwa_friction_basilisk.py",
         model,
         fit=fit(model, [part.effect for part in model.parts], top),
@@ -85,7 +85,7 @@ def basilisk_files(model: FrictionModel) -> dict[str, bytes]:
         temperature=ORIGIN_degC,
     )
     return {
-        "rwa_friction_basilisk.py": text.encode(),
+        "rwa_friction_basilisk.py": module,
         "librwa_friction.so": shared_library(sources, "--to basilisk", hidden=False),
-        **{name: content.encode() for name, content in sources.items()},
+        **sources,
     }

@@ -45,17 +45,14 @@ def read_telemetry(path: Path, decoding: Decoding = NO_DECODING) -> TelemetryFil
 
 def _read_table(path: Path, decoding: Decoding) -> TelemetryFile:
     """Read a sample table, CSV or Parquet: its columns have names with units."""
-    source = display_name(path)
-    table = read_table(path, decoding.pulses_per_turn)
-    ignored = f"columns ignored: {', '.join(table.ignored_columns)}" if table.ignored_columns else ""
+    source, table = display_name(path), read_table(path, decoding.pulses_per_turn)
     if not decoding.motor_off and all(getattr(table.samples, name) is None for name in FRICTION_CHANNELS):
         reason = (
             f"friction cannot be derived: the table has none of {', '.join(FRICTION_CHANNELS)}; of a wheel that runs"
             " down with its motor off, --motor-off or motor_off = true in the wheel file's [friction] will do"
         )
-        raise InputError(source, f"{reason}; {ignored}" if ignored else reason)
-    notes = [*table.notes, *([ignored] if ignored else [])]
-    return TelemetryFile([WheelTelemetry(source, "", None, [SampleBatch(table.samples)])], notes=notes)
+        raise InputError(source, "; ".join([reason, *table.notes]))
+    return TelemetryFile([WheelTelemetry(source, "", None, [SampleBatch(table.samples)])], notes=table.notes)
 
 
 def _read_mcap(path: Path, decoding: Decoding) -> TelemetryFile:

@@ -53,21 +53,14 @@ def damaged(data: bytes, place: int) -> bytes:
 # ---- what is read ----------------------------------------------------------------------------------------------------
 
 
-def test_a_state_without_the_joint_is_no_sample_and_an_empty_array_not_measured(tmp_path: Path) -> None:
-    messages = bags.states(TIMES, SPEEDS)
+def test_a_joint_is_found_by_its_name_and_without_a_value_is_no_sample_or_not_measured(tmp_path: Path) -> None:
+    messages = bags.states([*TIMES, 0.5], [*SPEEDS, 5.0], ("a", "wheel_1", "b"))
     messages[1][1]["name"] = ["wheel_9"]
     messages[2][1]["velocity"] = []
+    messages[3][1].update(name=["wheel_1", "b", "a"], velocity=[40.0, 5.0, 6.0])
     found = read(of_states(tmp_path, messages))
-    assert found.time_ns.tolist() == [0, 250_000_000, 375_000_000]
-    np.testing.assert_array_equal(found.speed_rad_s, [1.0, np.nan, 4.0])
-
-
-def test_a_joint_is_found_by_its_name_wherever_it_stands(tmp_path: Path) -> None:
-    messages = bags.states(TIMES, SPEEDS, ("a", "wheel_1", "b"))
-    messages[3][1]["name"] = ["wheel_1", "b", "a"]
-    messages[3][1]["velocity"] = [40.0, 5.0, 6.0]
-    found = read(of_states(tmp_path, messages))
-    assert found.speed_rad_s.tolist() == [1.0, 2.0, 3.0, 40.0]
+    assert found.time_ns.tolist() == [0, 250_000_000, 375_000_000, 500_000_000]
+    np.testing.assert_array_equal(found.speed_rad_s, [1.0, np.nan, 40.0, 5.0])
 
 
 def test_a_field_in_a_field_and_a_unit_of_the_map(tmp_path: Path) -> None:

@@ -22,12 +22,16 @@ def decoder(decoding: Decoding | None = None) -> PacketDecoder:
     return PacketDecoder(decoding or made.decoding(), "test")
 
 
-def times_of(packets: Iterable[bytes]) -> list[int]:
-    """Return the times of the example's packets [ns]."""
+def fed(packets: Iterable[bytes]) -> PacketDecoder:
     under_test = decoder()
     for packet in packets:
         under_test.take(packet)
-    return under_test.wheels[0].samples().time_ns.tolist()
+    return under_test
+
+
+def times_of(packets: Iterable[bytes]) -> list[int]:
+    """Return the times of the example's packets [ns]."""
+    return fed(packets).wheels[0].samples().time_ns.tolist()
 
 
 # ---- what is read ----------------------------------------------------------------------------------------------------
@@ -126,10 +130,8 @@ def test_every_packet_is_counted_as_what_it_is() -> None:
 
 
 def test_a_sequence_count_that_wraps_is_no_gap() -> None:
-    under_test = decoder()
-    for packet in packets_of(made.samples(4), FIRST_APID, first_count=2**14 - 2):
-        under_test.take(packet)
-    assert (under_test.counts.gaps, under_test.counts.missing) == (0, 0)
+    counts = fed(packets_of(made.samples(4), FIRST_APID, first_count=2**14 - 2)).counts
+    assert (counts.gaps, counts.missing) == (0, 0)
 
 
 def test_a_packet_of_another_kind_is_left_to_others() -> None:

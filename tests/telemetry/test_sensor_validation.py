@@ -52,6 +52,15 @@ def message(window: WindowDiagnosed) -> bytes:
     return diagnoses(messages_of([window]))[0]
 
 
+def masked_as_if_absent(samples: Samples, channel: str, rows: list[int], values: FloatArray) -> list[Trouble]:
+    """Check that values are masked, and the diagnosis as without them; return their faults."""
+    window, core, events = diagnosed(changed(samples, channel, rows, values))
+    without, _, _ = diagnosed(changed(samples, channel, rows, np.nan))
+    assert core.counts.masked == len(rows)
+    assert message(window) == message(without)
+    return sensor_faults(events)
+
+
 def sensor_faults(events: list[Event]) -> list[Trouble]:
     return [event for event in events if isinstance(event, Trouble) and event.text.endswith(": masked")]
 
@@ -99,14 +108,9 @@ def test_samples_that_stand_out_are_masked_and_the_diagnosis_is_as_without_them(
     rows = [*(100 * rng.choice(np.arange(3, 799), 12, replace=False)).tolist(), 50_050, 50_051, SLOTS - 1]
     torque = sign * 5.0 * friction_limit(built_in_wheel())
     size = torque if kind == "given" else torque / 0.032  # the built-in wheel's torque constant [N m/A]
-    spiky = changed(samples, channel, rows, getattr(samples, channel)[rows] + size)
-    absent = changed(samples, channel, rows, np.nan)
-    window, core, events = diagnosed(spiky)
-    without, _, _ = diagnosed(absent)
-    assert core.counts.masked == len(rows)
-    assert message(window) == message(without)
-    assert not any("hangs" in fault.kind for fault in sensor_faults(events))
-    assert len(sensor_faults(events)) == len(rows) - 1  # two of them are neighbours
+    events = masked_as_if_absent(samples, channel, rows, getattr(samples, channel)[rows] + size)
+    assert not any("hangs" in fault.kind for fault in events)
+    assert len(events) == len(rows) - 1  # two of them are neighbours
 
 
 @pytest.mark.parametrize("kind", GIVEN)
@@ -114,11 +118,8 @@ def test_a_speed_that_no_motor_can_make_is_masked(kind: str) -> None:
     samples = telemetry(kind)
     rows = [700, 2_900, 2_901, 7_003]
     speed = samples.speed_rad_s[rows] + 8.0 * speed_limit(built_in_wheel())
-    window, core, events = diagnosed(changed(samples, "speed_rad_s", rows, speed))
-    without, _, _ = diagnosed(changed(samples, "speed_rad_s", rows, np.nan))
-    assert core.counts.masked == len(rows)
-    assert message(window) == message(without)
-    assert {fault.kind.split()[0] for fault in sensor_faults(events)} == {"speed_rad_s"}
+    events = masked_as_if_absent(samples, "speed_rad_s", rows, speed)
+    assert {fault.kind.split()[0] for fault in events} == {"speed_rad_s"}
 
 
 def test_a_saturated_current_is_masked() -> None:

@@ -57,14 +57,14 @@ def test_layout_of_the_text_does_not_matter(tmp_path: Path, content: str) -> Non
 def test_unknown_columns_are_left_out_and_named(tmp_path: Path) -> None:
     content = "mode,time_s,note,speed_rad_s,friction_torque_Nm\nA,0,\u00e4,1,2\nB,1,,3,4\n"
     table = read_table(csv_file(tmp_path, content))
-    assert table.ignored_columns == ("mode", "note")
+    assert table.notes == ["columns ignored: mode, note"]
     assert table.samples.speed_rad_s.tolist() == [1.0, 3.0]
 
 
 def test_of_two_time_columns_the_exact_one_counts(tmp_path: Path) -> None:
     table = read_table(csv_file(tmp_path, "time_s,time_ns,speed_rad_s\n5,1,1\n6,2,1\n"))
     assert table.samples.time_ns.tolist() == [1, 2]
-    assert table.ignored_columns == ("time_s",)
+    assert table.notes == ["columns ignored: time_s"]
 
 
 def test_missing_and_non_finite_values_stay_as_they_are(tmp_path: Path) -> None:
@@ -85,7 +85,7 @@ def test_parquet_takes_any_numbers_and_null(tmp_path: Path) -> None:
     }
     pq.write_table(pa.table(columns), path)
     table = read_table(path)
-    assert table.ignored_columns == ("mode",)
+    assert table.notes == ["columns ignored: mode"]
     assert table.samples.time_ns.tolist() == [0, 100_000_000, 1_700_000_000_125_000_000]
     np.testing.assert_array_equal(table.samples.speed_rad_s, [1, np.nan, 3])
     np.testing.assert_array_equal(table.samples.friction_torque_Nm, [0.5, np.nan, np.inf])
@@ -142,7 +142,7 @@ def test_a_written_table_comes_back_bit_for_bit(tmp_path: Path, suffix: str, sam
 def test_an_angle_is_the_same_in_degrees(tmp_path: Path, angle: FloatArray) -> None:
     rows = "".join(f"{at},1,{value!r}\n" for at, value in enumerate(np.degrees(angle).tolist()))
     in_degrees = read_table(csv_file(tmp_path, f"time_s,speed_rad_s,angle_deg\n{rows}"))
-    assert in_degrees.ignored_columns == ()
+    assert in_degrees.notes == []
     np.testing.assert_allclose(in_degrees.samples.angle_rad, angle, rtol=1e-15)
     path = tmp_path / "table.parquet"
     columns = {"time_ns": np.arange(5) * 10**9, "speed_rad_s": np.ones(5), "angle_deg": np.degrees(angle)}
