@@ -115,15 +115,6 @@ def error(std: float | None) -> str:
     return "not known" if std is None else f"{std:.2g}"
 
 
-def constants(part: Part) -> str:
-    """Return a line of comment for each constant of an effect, with its error."""
-    lines = []
-    for one in part.constants():
-        unit = "" if one["unit"] == "-" else f" {comment(one['unit'])}"
-        lines.append(f" *   {one['name']} = {one['value']!r}{unit}, error {error(one['std'])}")
-    return "\n".join(lines)
-
-
 def recursions(model: FrictionModel) -> str:
     """Return the functions of the kernels' header that the model calls."""
     parts = re.split(r"/\* -{4} (\w+) -+ \*/\n", RECURSIONS.read_text(encoding="utf-8"))
@@ -142,7 +133,7 @@ def render(template: str, model: FrictionModel, **more: Any) -> bytes:
         undefined=jinja2.StrictUndefined,
     )
     environment.filters |= {"c": literal, "comment": comment, "error": error}
-    environment.globals |= {"constants": constants, "cost": cost}
+    environment.globals["cost"] = cost
     known = {"model": model, "wheel": model.wheel, "software": SOFTWARE}
     return environment.get_template(f"{template}.jinja").render(**known, **more).encode()
 

@@ -244,8 +244,7 @@ class WheelPackets:
         self._clear()
 
     def _clear(self) -> None:
-        self._times = array("q")
-        self._values = [array("d") for _ in self._channels]
+        self._times, self._values = array("q"), array("d")
 
     def __len__(self) -> int:
         """Count the samples."""
@@ -271,13 +270,13 @@ class WheelPackets:
     def append(self, time_ns: int, values: Sequence[float]) -> None:
         """Add a sample."""
         self._times.append(time_ns)
-        for column, value in zip(self._values, values, strict=True):
-            column.append(value)
+        self._values.extend(values)
 
     def samples(self) -> Samples:
         """Return the samples since the last call, in the order in which they came."""
-        columns = zip(self.map.channels, self._values, strict=True)
-        found = Samples(time_ns=np.array(self._times), **{str(name): np.array(column) for name, column in columns})
+        columns = np.array(self._values).reshape(len(self), -1).T
+        channels = {str(name): column for name, column in zip(self.map.channels, columns, strict=True)}
+        found = Samples(time_ns=np.array(self._times), **channels)
         self._clear()
         return found
 
