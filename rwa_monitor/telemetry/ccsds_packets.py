@@ -274,7 +274,7 @@ class WheelPackets:
 
     def samples(self) -> Samples:
         """Return the samples since the last call, in the order in which they came."""
-        columns = np.array(self._values).reshape(len(self), -1).T
+        columns = np.array(self._values).reshape(-1, len(self._channels)).T
         channels = {str(name): column for name, column in zip(self.map.channels, columns, strict=True)}
         found = Samples(time_ns=np.array(self._times), **channels)
         self._clear()
