@@ -13,12 +13,12 @@ import pytest
 
 import rwa_monitor
 from rwa_monitor.cli.options import warn_if_alone
-from rwa_monitor.errors import InputError
 from rwa_monitor.monitor.bus import BusOptions, open_session, session_config
 from rwa_monitor.telemetry.files import MAX_DEPTH
 from rwa_monitor.wheel.file_content import MAX_CONTENT_BYTES
 from tests.monitor.processes import process, wait_for
 from tests.monitor.test_bus import setting
+from tests.program import refused
 
 PACKAGE = Path(rwa_monitor.__file__).parent
 
@@ -116,9 +116,8 @@ TOO_MUCH = ["[" * (MAX_DEPTH + 1), "{a:" * 100_000, "/* [ */ '{' " + "[{" * MAX_
 
 @pytest.mark.parametrize("text", TOO_MUCH)
 def test_a_configuration_too_deep_or_too_long_is_refused_before_it_is_parsed(text: str, tmp_path: Path) -> None:
-    with pytest.raises(InputError, match=r"nested deeper|larger than") as caught:
-        session_config(configured(tmp_path, text))
-    assert "\n" not in str(caught.value)
+    line = refused(lambda: session_config(configured(tmp_path, text)))
+    assert "nested deeper" in line or "larger than" in line
 
 
 # ---- code ------------------------------------------------------------------------------------------------------------

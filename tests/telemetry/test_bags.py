@@ -15,6 +15,7 @@ from rwa_monitor.samples import Samples
 from rwa_monitor.telemetry.files import MAX_CHUNK_BYTES
 from rwa_monitor.telemetry.reader import Decoding, TelemetryFile, joined, only_wheel
 from rwa_monitor.telemetry.ros2_bag import read_bag
+from tests import program
 from tests.monitor.recordings import chunk, record
 from tests.monitor.support import telemetry
 from tests.telemetry import bags
@@ -32,10 +33,7 @@ def read(path: Path, text: str = bags.SHORT_MAP) -> Samples:
 
 
 def refused(path: Path, text: str = bags.SHORT_MAP) -> str:
-    with pytest.raises(InputError) as caught:
-        read_bag(path, bags.decoding(text))
-    assert str(caught.value).isprintable()
-    return str(caught.value)
+    return program.refused(lambda: read_bag(path, bags.decoding(text)))
 
 
 def of_states(folder: Path, messages: list[tuple[int, dict[str, Any]]]) -> Path:
