@@ -131,15 +131,13 @@ def concatenate(parts: list[Samples]) -> Samples:
     """
     if not parts:
         raise InputError("samples", "nothing to join")
-    joined = {}
-    for name in ("time_ns", *TABLE_CHANNELS):
-        arrays = [getattr(part, name) for part in parts]
-        missing = sum(array is None for array in arrays)
-        if missing == len(arrays):
-            continue
-        if missing:
-            raise InputError("samples", "is present in some parts and missing in others", name)
-        joined[name] = np.concatenate(arrays)
+    first, *others = [dict(part.channels()) for part in parts]
+    for other in others:
+        if only_in_one := first.keys() ^ other.keys():
+            raise InputError("samples", "is present in some parts and missing in others", min(only_in_one))
+    joined: dict[str, Any] = {
+        name: np.concatenate([values, *(one[name] for one in others)]) for name, values in first.items()
+    }
     return Samples(**joined)
 
 

@@ -2,10 +2,13 @@
 
 import subprocess
 import sys
+from collections.abc import Callable
 
+import pytest
 from click.testing import CliRunner, Result
 
 from rwa_monitor.cli.main import main
+from rwa_monitor.errors import InputError
 
 
 def run(*words: object) -> Result:
@@ -27,3 +30,13 @@ def command(*words: object) -> list[str]:
 def done(*words: object) -> subprocess.CompletedProcess[str]:
     """Run the program in a process of its own until it ends."""
     return subprocess.run(command(*words), capture_output=True, text=True, timeout=500, check=False)
+
+
+def refused(read: Callable[[], object]) -> str:
+    """Return the one printable line with which something is refused."""
+    with pytest.raises(InputError) as caught:
+        read()
+    line = str(caught.value)
+    assert line.isprintable()
+    assert len(line) < 2_000
+    return line

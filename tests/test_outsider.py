@@ -20,7 +20,7 @@ from rwa_monitor.wheel.wheel import Nominal, SwitchingSystem, Wheel, Window
 from tests.program import run
 
 PERIOD_S = 0.125
-SLOTS = 20_000
+SLOTS, HOUR = 20_000, 28_800
 INERTIA, TORQUE_CONSTANT = 0.0117, 0.032
 DRY, VISCOUS = 1.6e-3, 5.333e-6  # N m, N m s/rad
 SPEED_STD, CURRENT_STD = 0.01, 6e-4  # rad/s, A
@@ -42,10 +42,7 @@ WHEEL = Wheel(
 def levels(rng: np.random.Generator, factors: Sequence[float] = (1.0, 1.0)) -> tuple[FloatArray, list[int]]:
     """Return the level of the dry friction, of its nominal value, and the slots of its jumps; systems times factors."""
     level, jumps = np.ones(SLOTS), []
-    systems = (
-        (PULSES, ((0.0, 0.0), (0.3, 0.6))),
-        (STAIRS, ((0.0, 0.0), (0.4, 0.6), (0.8, 1.2))),
-    )
+    systems = (PULSES, ((0.0, 0.0), (0.3, 0.6))), (STAIRS, ((0.0, 0.0), (0.4, 0.6), (0.8, 1.2)))
     for (stays, frictions), factor in zip(systems, factors, strict=True):
         at, q, up = 0, int(rng.integers(len(frictions))), True
         until = int(rng.integers(40, stays[q][1]))
@@ -56,6 +53,10 @@ def levels(rng: np.random.Generator, factors: Sequence[float] = (1.0, 1.0)) -> t
             at, q = until, q + (1 if up else -1)
             until = at + int(rng.integers(*stays[q]))
     return level, sorted(jump for jump in jumps if jump)
+
+
+def sampled(speed: FloatArray, **channels: FloatArray) -> Samples:
+    return Samples(np.arange(speed.size, dtype=np.int64) * int(PERIOD_S * 1e9), speed, **channels)
 
 
 def telemetry(seed: int, hidden: Callable[[float], float] | None = None) -> tuple[Samples, list[int]]:
@@ -74,12 +75,8 @@ def telemetry(seed: int, hidden: Callable[[float], float] | None = None) -> tupl
         friction += hidden(omega) if hidden else 0.0
         speed[k], motor[k] = omega, INERTIA * acceleration + friction
         omega += acceleration * PERIOD_S
-    samples = Samples(
-        time_ns=np.arange(SLOTS, dtype=np.int64) * int(PERIOD_S * 1e9),
-        speed_rad_s=speed + rng.normal(0.0, SPEED_STD, SLOTS),
-        motor_current_A=motor / TORQUE_CONSTANT + rng.normal(0.0, CURRENT_STD, SLOTS),
-    )
-    return samples, jumps
+    measured = speed + rng.normal(0.0, SPEED_STD, SLOTS)
+    return sampled(measured, motor_current_A=motor / TORQUE_CONSTANT + rng.normal(0.0, CURRENT_STD, SLOTS)), jumps
 
 
 def stribeck(omega: float) -> float:
@@ -113,13 +110,8 @@ def test_what_is_hidden_in_such_telemetry_is_named_and_nothing_else(
 def test_an_hour_at_constant_speed_shows_no_effect_of_motion(speed_std: float) -> None:
     """All that moves the speed is its noise, which is in the friction derived from it, too."""
     rng = np.random.default_rng(1)
-    slots = 28_800
-    current = (DRY + VISCOUS * 300.0) / TORQUE_CONSTANT + rng.normal(0.0, 1e-3, slots)
-    samples = Samples(
-        time_ns=np.arange(slots, dtype=np.int64) * int(PERIOD_S * 1e9),
-        speed_rad_s=300.0 + rng.normal(0.0, speed_std, slots),
-        motor_current_A=current,
-    )
+    current = (DRY + VISCOUS * 300.0) / TORQUE_CONSTANT + rng.normal(0.0, 1e-3, HOUR)
+    samples = sampled(300.0 + rng.normal(0.0, speed_std, HOUR), motor_current_A=current)
     found = find_discrepancy(samples, WHEEL).result
     assert found.verdict == "untestable"
     assert {"current_delay", "lubricant_lag", "inertia_error", "stribeck"} <= {name for name, _ in found.untested}
@@ -128,19 +120,11 @@ def test_an_hour_at_constant_speed_shows_no_effect_of_motion(speed_std: float) -
 @pytest.mark.parametrize("measured", [False, True])
 def test_drag_that_falls_while_the_bearing_warms_unseen_may_be_either(measured: bool) -> None:
     """One speed, and viscosity that falls as the bearing warms: with the temperature that is known, without it not."""
-    rng = np.random.default_rng(2)
-    slots = 28_800
-    time_s = np.arange(slots) * PERIOD_S
-    temperature = 15.0 + 15.0 * (1.0 - np.exp(-time_s / 1_500.0))
-    speed = np.full(slots, 300.0)
-    samples = Samples(
-        time_ns=np.arange(slots, dtype=np.int64) * int(PERIOD_S * 1e9),
-        speed_rad_s=speed,
-        friction_torque_Nm=DRY
-        + VISCOUS * np.exp(-0.03 * (temperature - 20.0)) * speed
-        + rng.normal(0.0, 3.9e-5, slots),
-        bearing_temperature_degC=temperature if measured else None,
-    )
+    temperature = 15.0 + 15.0 * (1.0 - np.exp(-np.arange(HOUR) * PERIOD_S / 1_500.0))
+    friction = DRY + VISCOUS * np.exp(-0.03 * (temperature - 20.0)) * 300.0
+    friction += np.random.default_rng(2).normal(0.0, NOISE_STD, HOUR)
+    heat = {"bearing_temperature_degC": temperature} if measured else {}
+    samples = sampled(np.full(HOUR, 300.0), friction_torque_Nm=friction, **heat)
     (effect,) = find_discrepancy(samples, WHEEL).result.effects
     if measured:
         assert effect.name == "viscosity_temperature"

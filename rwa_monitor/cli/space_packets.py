@@ -34,7 +34,8 @@ def bridge(udp: str, decoding: cli.Decoding, batch: int, stored: bool, bus: cli.
         cli.log(f"--udp {udp} takes packets from everybody who reaches it: UDP does not identify the sender")
     with cli.stop_on_signals() as stop, listening(address) as receiver, open_session(bus) as session:
         publishers = {
-            wheel.key: SamplesPublisher(session, wheel.key, "stored" if stored else None) for wheel in decoder.wheels
+            wheel.map.key: SamplesPublisher(session, wheel.map.key, "stored" if stored else None)
+            for wheel in decoder.wheels
         }
         bridge = Bridge(decoder, publishers, batch)
         cli.log(f"bridging UDP {address.host} port {address.port} to {', '.join(list(publishers)[:4])}")

@@ -392,7 +392,7 @@ class Bridge:
 
     def _send(self, wheel: WheelPackets) -> None:
         samples = wheel.samples()
-        self._sinks[wheel.key].put(samples)
+        self._sinks[wheel.map.key].put(samples)
         self.samples += len(samples)
 
     def counts(self) -> dict[str, Any]:

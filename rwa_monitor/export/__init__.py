@@ -21,7 +21,7 @@ def _json_files(model: FrictionModel) -> dict[str, bytes]:
 # Writers of a friction model, by the name of the format.
 FORMATS: Final[Mapping[str, Callable[[FrictionModel], Mapping[str, bytes]]]] = {
     "basilisk": basilisk_files,
-    "c": lambda model: {name: text.encode() for name, text in c_files(model).items()},
+    "c": c_files,
     "detector": detector_files,
     "fmu": fmu_files,
     "json": _json_files,

@@ -28,13 +28,6 @@ class Fit(NamedTuple):
     rmse_Nm: float
 
 
-def law(coulomb: float, static: float, beta: float, viscous: float, speed: FloatArray) -> FloatArray:
-    """Return Basilisk's law from rest, with β > 0 [N m]."""
-    ratio = speed / beta
-    peak = np.sqrt(np.e) * (static - coulomb) * np.exp(-0.5 * ratio * ratio) * ratio
-    return np.asarray(peak + coulomb * np.tanh(10.0 * ratio) + viscous * speed)
-
-
 def on_sweep(values: Sequence[float], channels: Channels) -> FloatArray:
     """Return Basilisk's friction over the sweep [N m]: with the law from rest until the wheel first slows."""
     coulomb, static, beta, viscous = values
@@ -42,7 +35,9 @@ def on_sweep(values: Sequence[float], channels: Channels) -> FloatArray:
     plain = coulomb * channels.direction + viscous * speed
     if beta <= 0.0:
         return plain
-    return np.where(channels.time_s <= SWEEP_S / 4, law(coulomb, static, beta, viscous, speed), plain)
+    ratio = speed / beta
+    peak = np.sqrt(np.e) * (static - coulomb) * np.exp(-0.5 * ratio * ratio) * ratio
+    return np.where(channels.time_s <= SWEEP_S / 4, peak + coulomb * np.tanh(10.0 * ratio) + viscous * speed, plain)
 
 
 def fit(model: FrictionModel, effects: Sequence[Effect], top_rad_s: float) -> Fit:
@@ -76,7 +71,7 @@ def basilisk_files(model: FrictionModel) -> dict[str, bytes]:
     """Return the Python module, the library that it loads, and the library's sources; errors as for `fmu_files`."""
     top = model.nominal.nominal_speed_rad_s
     sources = c_files(model)
-    text = render(
+    module = render(
         "rwa_friction_basilisk.py",
         model,
         fit=fit(model, [part.effect for part in model.parts], top),
@@ -90,7 +85,7 @@ def basilisk_files(model: FrictionModel) -> dict[str, bytes]:
         temperature=ORIGIN_degC,
     )
     return {
-        "rwa_friction_basilisk.py": text.encode(),
+        "rwa_friction_basilisk.py": module,
         "librwa_friction.so": shared_library(sources, "--to basilisk", hidden=False),
-        **{name: content.encode() for name, content in sources.items()},
+        **sources,
     }

@@ -115,15 +115,6 @@ def error(std: float | None) -> str:
     return "not known" if std is None else f"{std:.2g}"
 
 
-def constants(part: Part) -> str:
-    """Return a line of comment for each constant of an effect, with its error."""
-    lines = []
-    for one in part.constants():
-        unit = "" if one["unit"] == "-" else f" {comment(one['unit'])}"
-        lines.append(f" *   {one['name']} = {one['value']!r}{unit}, error {error(one['std'])}")
-    return "\n".join(lines)
-
-
 def recursions(model: FrictionModel) -> str:
     """Return the functions of the kernels' header that the model calls."""
     parts = re.split(r"/\* -{4} (\w+) -+ \*/\n", RECURSIONS.read_text(encoding="utf-8"))
@@ -132,8 +123,8 @@ def recursions(model: FrictionModel) -> str:
     )
 
 
-def render(template: str, model: FrictionModel, **more: Any) -> str:
-    """Render a template of this package for a model."""
+def render(template: str, model: FrictionModel, **more: Any) -> bytes:
+    """Render a template of this package for a model; return the content of the file."""
     environment = jinja2.Environment(  # noqa: S701 - C is no HTML; XML escapes by the filter
         loader=jinja2.FileSystemLoader(FOLDER),
         trim_blocks=True,
@@ -142,12 +133,12 @@ def render(template: str, model: FrictionModel, **more: Any) -> str:
         undefined=jinja2.StrictUndefined,
     )
     environment.filters |= {"c": literal, "comment": comment, "error": error}
-    environment.globals |= {"constants": constants, "cost": cost}
+    environment.globals["cost"] = cost
     known = {"model": model, "wheel": model.wheel, "software": SOFTWARE}
-    return environment.get_template(f"{template}.jinja").render(**known, **more)
+    return environment.get_template(f"{template}.jinja").render(**known, **more).encode()
 
 
-def c_files(model: FrictionModel) -> dict[str, str]:
+def c_files(model: FrictionModel) -> dict[str, bytes]:
     """Return header and source by file name."""
     return {
         "rwa_friction.h": render("rwa_friction.h", model),
@@ -180,14 +171,15 @@ def fmu_files(model: FrictionModel) -> dict[str, bytes]:
         If the compiler fails.
     """
     sources = c_files(model)
-    token = sha256("".join(sources.values()).encode()).hexdigest()
+    token = sha256(b"".join(sources.values())).hexdigest()
     sources["rwa_fmi3.c"] = render("rwa_fmi3.c", model, token=token, temperature=ORIGIN_degC)
-    description = render("modelDescription.xml", model, token=token, temperature=ORIGIN_degC, inputs=INPUTS)
     contents = {
-        "modelDescription.xml": description.encode(),
+        "modelDescription.xml": render(
+            "modelDescription.xml", model, token=token, temperature=ORIGIN_degC, inputs=INPUTS
+        ),
         f"binaries/{platform.machine()}-linux/rwa_friction.so": shared_library(sources, "--to fmu"),
-        "sources/buildDescription.xml": render("buildDescription.xml", model).encode(),
-        **{f"sources/{name}": text.encode() for name, text in sources.items()},
+        "sources/buildDescription.xml": render("buildDescription.xml", model),
+        **{f"sources/{name}": content for name, content in sources.items()},
     }
     file = io.BytesIO()
     with zipfile.ZipFile(file, "w", zipfile.ZIP_DEFLATED) as archive:
@@ -196,7 +188,7 @@ def fmu_files(model: FrictionModel) -> dict[str, bytes]:
     return {"rwa_friction.fmu": file.getvalue()}
 
 
-def shared_library(sources: dict[str, str], place: str, hidden: bool = True) -> bytes:
+def shared_library(sources: dict[str, bytes], place: str, hidden: bool = True) -> bytes:
     """Compile C sources with the system's compiler, or that of the environment's CC; errors as in `fmu_files`.
 
     With `hidden`, only functions marked so are exported: the symbols of two FMUs in one process do not clash.
@@ -207,8 +199,8 @@ def shared_library(sources: dict[str, str], place: str, hidden: bool = True) -> 
     if not compiler or shutil.which(compiler[0]) is None:
         raise InputError(place, "needs a C compiler (cc, or $CC): apt-get install gcc; --to c needs none")
     with tempfile.TemporaryDirectory() as folder:
-        for name, text in sources.items():
-            Path(folder, name).write_text(text, encoding="utf-8")
+        for name, content in sources.items():
+            Path(folder, name).write_bytes(content)
         units = [name for name in sources if name.endswith(".c")]
         visibility = ["-fvisibility=hidden"] if hidden else []
         command = [*compiler, *FLAGS, *visibility, *units, "-lm", "-o", "model.so"]

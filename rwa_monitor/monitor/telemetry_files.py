@@ -38,22 +38,21 @@ def read_telemetry(path: Path, decoding: Decoding = NO_DECODING) -> TelemetryFil
     kind = file_format(path)
     if kind == "csv" and decoding.xtce is not None and path.suffix.lower() != ".csv":
         kind = "packets"  # neither first bytes nor suffix identify the format, but a definition of packets is given
-    return READERS[kind](path, decoding)
+    content, source = READERS[kind](path, decoding), display_name(path)
+    problems, notes = ([f"{source}: {line}" for line in lines] for lines in (content.problems, content.notes))
+    return content._replace(problems=problems, notes=notes)
 
 
 def _read_table(path: Path, decoding: Decoding) -> TelemetryFile:
     """Read a sample table, CSV or Parquet: its columns have names with units."""
-    source = display_name(path)
-    table = read_table(path, decoding.pulses_per_turn)
-    ignored = f"columns ignored: {', '.join(table.ignored_columns)}" if table.ignored_columns else ""
+    source, table = display_name(path), read_table(path, decoding.pulses_per_turn)
     if not decoding.motor_off and all(getattr(table.samples, name) is None for name in FRICTION_CHANNELS):
         reason = (
             f"friction cannot be derived: the table has none of {', '.join(FRICTION_CHANNELS)}; of a wheel that runs"
             " down with its motor off, --motor-off or motor_off = true in the wheel file's [friction] will do"
         )
-        raise InputError(source, f"{reason}; {ignored}" if ignored else reason)
-    notes = [*table.notes, *([f"{source}: {ignored}"] if ignored else [])]
-    return TelemetryFile([WheelTelemetry(source, "", None, [SampleBatch(table.samples)])], notes=notes)
+        raise InputError(source, "; ".join([reason, *table.notes]))
+    return TelemetryFile([WheelTelemetry(source, "", None, [SampleBatch(table.samples)])], notes=table.notes)
 
 
 def _read_mcap(path: Path, decoding: Decoding) -> TelemetryFile:
@@ -88,8 +87,8 @@ def _read_mcap(path: Path, decoding: Decoding) -> TelemetryFile:
     return TelemetryFile(
         telemetry,
         setup.model if setup else None,
-        [f"{source}: {problem}" for problem in recording.problems],
-        [f"{source}: {counted(len(refused), 'message')} refused, the first: {refused[0]}"] if refused else [],
+        recording.problems,
+        [f"{counted(len(refused), 'message')} refused, the first: {refused[0]}"] if refused else [],
     )
 
 

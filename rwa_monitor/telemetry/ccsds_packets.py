@@ -113,7 +113,7 @@ class PacketDecoder:
         self._by_apid: defaultdict[int, list[WheelPackets]] = defaultdict(list)
         self._last_count: dict[int, int] = {}
         for wheel in self.wheels:
-            self._by_apid[wheel.apid].append(wheel)
+            self._by_apid[wheel.map.apid].append(wheel)
 
     def take(self, packet: bytes) -> list[WheelPackets]:
         """Take one packet; return the wheels that have a sample in it, none where it is counted otherwise."""
@@ -163,11 +163,11 @@ class PacketDecoder:
         self._last_count[apid] = count
         if last is None:
             return
-        step = (count - last) % SEQUENCE_MODULUS
-        if step != 1:
+        missing = (count - last - 1) % SEQUENCE_MODULUS
+        if missing:
             self.counts.gaps += 1
-            # Up to half the modulus; beyond, the packet is late or repeated, or the counter was reset.
-            self.counts.missing += step - 1 if 1 < step <= SEQUENCE_MODULUS // 2 else 0
+        if missing < SEQUENCE_MODULUS // 2:  # else the packet is late or repeated, or the counter was reset
+            self.counts.missing += missing
 
 
 # ---- one packet ------------------------------------------------------------------------------------------------------
@@ -215,7 +215,7 @@ class WheelPackets:
     """
 
     def __init__(self, wheel: PacketWheel, definition: Any, source: str, xtce: str) -> None:
-        self.map, self.apid, self.key = wheel, wheel.apid, wheel.key
+        self.map = wheel
         where = f"{wheel.spacecraft}/{wheel.wheel}"
 
         def unit_of(name: str, place: str, allowed: tuple[str, ...] = _NUMBERS) -> str | None:
@@ -244,8 +244,7 @@ class WheelPackets:
         self._clear()
 
     def _clear(self) -> None:
-        self._times = array("q")
-        self._values = [array("d") for _ in self._channels]
+        self._times, self._values = array("q"), array("d")
 
     def __len__(self) -> int:
         """Count the samples."""
@@ -271,13 +270,13 @@ class WheelPackets:
     def append(self, time_ns: int, values: Sequence[float]) -> None:
         """Add a sample."""
         self._times.append(time_ns)
-        for column, value in zip(self._values, values, strict=True):
-            column.append(value)
+        self._values.extend(values)
 
     def samples(self) -> Samples:
         """Return the samples since the last call, in the order in which they came."""
-        columns = zip(self.map.channels, self._values, strict=True)
-        found = Samples(time_ns=np.array(self._times), **{str(name): np.array(column) for name, column in columns})
+        columns = np.array(self._values).reshape(-1, len(self._channels)).T
+        channels = {str(name): column for name, column in zip(self.map.channels, columns, strict=True)}
+        found = Samples(time_ns=np.array(self._times), **channels)
         self._clear()
         return found
 
@@ -308,7 +307,7 @@ def read_packets(path: Path, decoding: Decoding) -> TelemetryFile:
         problems.append(f"{counts.bad} of {counts.packets} packets cannot be read, the first: {counts.first_bad}")
     if stop < len(data):
         problems.append(f"bytes {stop} to {len(data)} of {len(data)} are no whole packet")
-    apids = first_few([str(apid) for apid in sorted({wheel.apid for wheel in decoder.wheels})])
+    apids = first_few([str(apid) for apid in sorted({wheel.map.apid for wheel in decoder.wheels})])
     return reader.telemetry_file(
         source,
         ((wheel.map, wheel.samples()) for wheel in decoder.wheels),

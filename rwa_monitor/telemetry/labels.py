@@ -63,8 +63,14 @@ def read_labels(path: Path, *, must_exist: bool = True) -> list[LabelledFile]:
         If it cannot be used; names the file, the row, the column and the reason.
     """
     source, rows = display_name(path), _rows(path)
-    names = _anomaly_names(next(rows)[1], source)
-    labelled = [_labelled_file(fields, names, path, row, must_exist=must_exist) for row, fields in rows]
+    _, header = next(rows)
+    expected = ["file", *RESERVED_ANOMALIES]
+    if header[: len(expected)] != expected:
+        raise InputError(source, f"the header must begin with {','.join(expected)}", "row 1")
+    for name in header:
+        if not name or header.count(name) > 1:
+            raise InputError(source, "is there twice" if name else "has no name", f"column {name!r}")
+    labelled = [_labelled_file(fields, header[1:], path, row, must_exist=must_exist) for row, fields in rows]
     if not labelled:
         raise InputError(source, "names no file")
     return labelled
@@ -105,18 +111,6 @@ def write_labels(rows: Sequence[Mapping[str, str]], path: Path) -> None:
     writer.writeheader()
     writer.writerows(rows)
     write_text(path, text.getvalue())
-
-
-def _anomaly_names(header: list[str], source: str) -> list[str]:
-    """Check the header and return the names of the anomalies."""
-    expected = ["file", *RESERVED_ANOMALIES]
-    if header[: len(expected)] != expected:
-        raise InputError(source, f"the header must begin with {','.join(expected)}", "row 1")
-    names = header[1:]
-    for name in names:
-        if not name or names.count(name) > 1:
-            raise InputError(source, "has no name" if not name else "is there twice", f"column {name!r}")
-    return names
 
 
 def _labelled_file(fields: list[str], names: list[str], labels: Path, row: str, *, must_exist: bool) -> LabelledFile:
@@ -197,8 +191,8 @@ def slot_columns(truth: Truth) -> dict[str, np.ndarray[Any, Any]]:
     columns: dict[str, np.ndarray[Any, Any]] = {}
     for field in fields(truth):
         value = getattr(truth, field.name)
-        of_systems = {f"{key}.{field.name}": array for key, array in value.items()} if isinstance(value, dict) else {}
-        named = of_systems or {field.name: value}
+        of_systems = isinstance(value, dict)
+        named = {f"{key}.{field.name}": one for key, one in value.items()} if of_systems else {field.name: value}
         columns |= {name: array for name, array in named.items() if isinstance(array, np.ndarray)}
     return columns
 

@@ -358,21 +358,17 @@ def telemetry_file(
     InputError
         If no wheel has a sample.
     """
-    telemetry, unordered = [], []
+    telemetry, notes = [], list(notes)
     for wheel, samples in found:
         if len(samples):
             telemetry.append(WheelTelemetry(source, wheel.spacecraft, wheel.wheel, [SampleBatch(samples)]))
         # `diagnose` counts them, and `reader.joined` puts them in order.
         if late := int(np.count_nonzero(np.diff(samples.time_ns) <= 0)):
-            unordered.append(f"{late} samples of {wheel.wheel} come after one of the same time or a later one")
+            notes.append(f"{late} samples of {wheel.wheel} come after one of the same time or a later one")
     if not telemetry:
         why = [*problems, *notes]
         raise InputError(source, f"{nothing}{f' ({why[0]})' if why else ''}")
-    return TelemetryFile(
-        telemetry,
-        problems=[f"{source}: {problem}" for problem in problems],
-        notes=[f"{source}: {note}" for note in (*notes, *unordered)],
-    )
+    return TelemetryFile(telemetry, problems=problems, notes=notes)
 
 
 def check_time(time_ns: int) -> None:

@@ -14,7 +14,7 @@ import os
 import re
 import struct
 from array import array
-from collections import Counter
+from collections import Counter, defaultdict
 from collections.abc import Iterator
 from pathlib import Path
 from typing import IO, Any, Final, Literal, NamedTuple
@@ -67,12 +67,12 @@ def read_bag(path: Path, decoding: Decoding) -> TelemetryFile:
     source = display_name(path)
     if decoding.map is None:
         raise InputError(source, "is a ROS 2 bag: --map gives which topics are which channels")
-    wheels = [_Wheel(wheel, decoding.map.source) for wheel in reader.wheels_of(decoding.map, TopicWheel)]
-    bag = _Bag(source, wheels)
+    wheels = [(wheel, _series_of(wheel, decoding.map.source)) for wheel in reader.wheels_of(decoding.map, TopicWheel)]
+    bag = _Bag(source, [one for _, series in wheels for one in series.values()])
     with opened(path) as file:
         bag.read(file)
     bag.check_topics()
-    found = [(entry.wheel, entry.samples()) for entry in wheels]
+    found = [(wheel, _samples(series, wheel.hold_s)) for wheel, series in wheels]
     return reader.telemetry_file(source, found, bag.problems(), (), "holds no sample of a wheel of the map")
 
 
@@ -107,6 +107,19 @@ class _Series:
         self.times.append(time_ns)
         self.values.append(float(value) * self._factor + self._offset)
 
+    def at(self, times: IntArray, reach_ns: int) -> FloatArray:
+        """Return the last value at some times, NaN where it is older than `reach_ns`."""
+        stamps, values = np.array(self.times, dtype=np.int64), np.array(self.values)
+        if np.array_equal(stamps, times):  # of the same messages
+            return values
+        if stamps.size == 0:
+            return np.full(times.size, np.nan)
+        order = np.argsort(stamps, kind="stable")
+        position = np.searchsorted(stamps, times, side="right", sorter=order) - 1
+        last = order[position]
+        held = (position >= 0) & (times - stamps[last] <= reach_ns)
+        return np.where(held, values[last], np.nan)
+
     def _time_of(self, message: dict[str, Any], times: dict[str, int]) -> int:
         if self.spec.time != "header":
             return times[self.spec.time]
@@ -116,38 +129,20 @@ class _Series:
         return int(_field(stamp, "sec")) * NANOSECONDS_PER_SECOND + int(_field(stamp, "nanosec"))
 
 
-class _Wheel:
-    """A wheel of the map, and its values in the bag."""
+def _series_of(wheel: TopicWheel, source: str) -> dict[str, _Series]:
+    """Return the channels of a wheel of the map, without values."""
+    return {
+        str(channel): _Series(channel, spec, f"{wheel.spacecraft}/{wheel.wheel}: {channel}: {spec.topic}", source)
+        for channel, spec in wheel.channels.items()
+    }
 
-    def __init__(self, wheel: TopicWheel, source: str) -> None:
-        self.wheel = wheel
-        self.series = {
-            str(channel): _Series(channel, spec, f"{wheel.spacecraft}/{wheel.wheel}: {channel}: {spec.topic}", source)
-            for channel, spec in wheel.channels.items()
-        }
 
-    def samples(self) -> Samples:
-        """Return all channels at the times of the speed."""
-        times = np.array(self.series["speed_rad_s"].times, dtype=np.int64)
-        channels = {name: self._at(series, times) for name, series in self.series.items()}
-        return Samples(time_ns=times, **channels)
-
-    def _at(self, series: _Series, times: IntArray) -> FloatArray:
-        """Return the last value of a series at some times, NaN where it is older than the map allows."""
-        stamps, values = np.array(series.times, dtype=np.int64), np.array(series.values)
-        if np.array_equal(stamps, times):  # of the same messages
-            return values
-        hold_s = self.wheel.hold_s
-        order = np.argsort(stamps, kind="stable")
-        stamps, values = stamps[order], values[order]
-        last = np.searchsorted(stamps, times, side="right") - 1
-        known = last >= 0
-        # Without `hold_s` all channels are of one topic, and only a value of the same time is used.
-        reach_ns = 0 if hold_s is None else round(hold_s * NANOSECONDS_PER_SECOND)
-        known[known] &= times[known] - stamps[last[known]] <= reach_ns
-        found = np.full(times.size, np.nan)
-        found[known] = values[last[known]]
-        return found
+def _samples(series: dict[str, _Series], hold_s: float | None) -> Samples:
+    """Return all channels at the times of the speed; values older than `hold_s` are NaN."""
+    times = np.array(series["speed_rad_s"].times, dtype=np.int64)
+    # Without `hold_s` all channels are of one topic, and only a value of the same time is used.
+    reach_ns = 0 if hold_s is None else round(hold_s * NANOSECONDS_PER_SECOND)
+    return Samples(time_ns=times, **{name: one.at(times, reach_ns) for name, one in series.items()})
 
 
 def _field(message: Any, path: str) -> Any:
@@ -165,15 +160,14 @@ def _field(message: Any, path: str) -> Any:
 class _Bag:
     """Reads the records of a bag and passes the messages of the map's topics to their series."""
 
-    def __init__(self, source: str, wheels: list[_Wheel]) -> None:
+    def __init__(self, source: str, series: list[_Series]) -> None:
         self._source = source
-        self._series: dict[str, list[_Series]] = {}
-        for wheel in wheels:
-            for series in wheel.series.values():
-                self._series.setdefault(series.spec.topic, []).append(series)
+        self._series: defaultdict[str, list[_Series]] = defaultdict(list)
+        for one in series:
+            self._series[one.spec.topic].append(one)
         self._schemas: dict[int, Schema] = {}
-        # Name and type of each channel of the bag; None: a topic that the map does not name.
-        self._topics: dict[int, tuple[str, MessageType] | None] = {}
+        # Name and types of each channel of the bag; None: a topic that the map does not name.
+        self._topics: dict[int, tuple[str, Types] | None] = {}
         self._names: set[str] = set()
         self._seen: Counter[str] = Counter()
         self._lost: list[str] = []
@@ -250,10 +244,10 @@ class _Bag:
             if channel.id not in self._topics:
                 wanted = channel.topic in self._series
                 self._names.add(channel.topic if wanted else channel.topic[:MAX_PART])
-                self._topics[channel.id] = (channel.topic, self._type(channel)) if wanted else None
+                self._topics[channel.id] = (channel.topic, self._types(channel)) if wanted else None
 
-    def _type(self, channel: Channel) -> MessageType:
-        """Return the type of a topic's messages; raise InputError where they cannot be decoded."""
+    def _types(self, channel: Channel) -> Types:
+        """Return the types of a topic's messages; raise InputError where they cannot be decoded."""
         schema = self._schemas.get(channel.schema_id)
         place = f"topic {channel.topic}"
         if schema is None or (channel.message_encoding, schema.encoding) != ("cdr", "ros2msg"):
@@ -261,16 +255,16 @@ class _Bag:
             raise InputError(self._source, f"holds {how}; cdr by ros2msg is wanted", place)
         self._count("channels of the map's topics", 1, MAX_COLUMNS)
         try:
-            return MessageType(schema.name, schema.data)
+            return message_types(schema.name, schema.data)
         except ValueError as error:
             raise InputError(self._source, f"{schema.name} is no message type: {first_line(error)}", place) from error
 
-    def _decode(self, topic: str, kind: MessageType, data: bytes, times: dict[str, int]) -> None:
+    def _decode(self, topic: str, types: Types, data: bytes, times: dict[str, int]) -> None:
         self._count("messages of the map's topics", 1, MAX_ROWS)
         try:
             if len(data) > MAX_MESSAGE_BYTES:
                 raise ValueError(f"it has {len(data):,} bytes; the limit is {MAX_MESSAGE_BYTES:,}")
-            message = kind.decode(data)
+            message = decode(data, types)
             for series in self._series[topic]:
                 series.take(message, times)
         except (ArithmeticError, TypeError, ValueError, struct.error) as error:  # bytes that are not as in the schema
@@ -298,8 +292,11 @@ class _Field(NamedTuple):
     is_list: bool
 
 
-class MessageType:
-    """A message type and the types nested in it, as a definition (`ros2msg`) describes them.
+Types = dict[str, list[_Field]]  # fields by the name of their type; that of a whole message is ""
+
+
+def message_types(name: str, data: bytes) -> Types:
+    """Return a message type and the types nested in it, as a definition (`ros2msg`) describes them.
 
     Parameters
     ----------
@@ -313,34 +310,33 @@ class MessageType:
     ValueError
         If it is no definition, or too long.
     """
+    if len(data) > MAX_MESSAGE_BYTES:
+        raise ValueError(f"its schema has more than {MAX_MESSAGE_BYTES:,} bytes")
+    time = [_Field("sec", "int32", 1, False), _Field("nanosec", "uint32", 1, False)]
+    current, fields = _full_name(name), list[_Field]()
+    types = {"builtin_interfaces/Time": time, "builtin_interfaces/Duration": time, "": fields, current: fields}
+    for whole_line in data.decode("utf-8").splitlines():
+        line = whole_line.partition("#")[0].strip()
+        if line.startswith("MSG:"):
+            current = _full_name(line.removeprefix("MSG:").strip())
+            fields = types[current] = []
+        elif line.strip("="):  # neither empty nor between two types
+            found = _FIELD.fullmatch(line)
+            if found is None:
+                raise ValueError(f"{line[:40]!r} is no field")
+            kind, many, count, field, constant = found.groups()
+            if not constant:
+                times = int(count) if count else None if many else 1
+                fields.append(_Field(field, _full_name(kind, current.partition("/")[0]), times, many is not None))
+    return types
 
-    def __init__(self, name: str, data: bytes) -> None:
-        if len(data) > MAX_MESSAGE_BYTES:
-            raise ValueError(f"its schema has more than {MAX_MESSAGE_BYTES:,} bytes")
-        time = [_Field("sec", "int32", 1, False), _Field("nanosec", "uint32", 1, False)]
-        self._types = {"builtin_interfaces/Time": time, "builtin_interfaces/Duration": time}
-        self._name = current = _full_name(name)
-        fields: list[_Field] = self._types.setdefault(current, [])
-        for whole_line in data.decode("utf-8").splitlines():
-            line = whole_line.partition("#")[0].strip()
-            if line.startswith("MSG:"):
-                current = _full_name(line.removeprefix("MSG:").strip())
-                fields = self._types[current] = []
-            elif line.strip("="):  # neither empty nor between two types
-                found = _FIELD.fullmatch(line)
-                if found is None:
-                    raise ValueError(f"{line[:40]!r} is no field")
-                kind, many, count, field, constant = found.groups()
-                if not constant:
-                    times = int(count) if count else None if many else 1
-                    fields.append(_Field(field, _full_name(kind, current.partition("/")[0]), times, many is not None))
 
-    def decode(self, data: bytes) -> dict[str, Any]:
-        """Return the fields of a message in CDR by their names; raise ValueError where the bytes are not one."""
-        if data[:2] not in (b"\0\0", b"\0\1"):
-            raise ValueError("it is no plain CDR")
-        message: dict[str, Any] = _Cdr(data, self._types).value(self._name)
-        return message
+def decode(data: bytes, types: Types) -> dict[str, Any]:
+    """Return the fields of a message in CDR by their names; raise ValueError where the bytes are not one."""
+    if data[:2] not in (b"\0\0", b"\0\1"):
+        raise ValueError("it is no plain CDR")
+    message: dict[str, Any] = _Cdr(data, types).value("")
+    return message
 
 
 def _full_name(kind: str, package: str = "") -> str:
@@ -354,7 +350,7 @@ def _full_name(kind: str, package: str = "") -> str:
 class _Cdr:
     """The bytes of one message, and the position read so far; numbers are aligned to their size."""
 
-    def __init__(self, data: bytes, types: dict[str, list[_Field]]) -> None:
+    def __init__(self, data: bytes, types: Types) -> None:
         self._data, self._types = data[4:], types
         self._order: Literal["<", ">"] = "<" if data[1] else ">"
         self._at = 0

@@ -308,23 +308,22 @@ class SensorValidation:
         if stop <= start:
             return 0, []
         speed, torque = ring.read_required(start, stop + 1)
-        in_speed = self.speed.judge(speed[:-1], speed[1:], self.speed_limit_rad_s)
-        in_torque = self.torque.judge(torque[:-1], torque[1:], self.torque_limit_Nm)
-        if in_speed is None and in_torque is None:
+        judged = {
+            SPEED: self.speed.judge(speed[:-1], speed[1:], self.speed_limit_rad_s),
+            TORQUE: self.torque.judge(torque[:-1], torque[1:], self.torque_limit_Nm),
+        }
+        if not any(judged.values()):
             return 0, []
         turning = speed[:-1] != 0.0  # before anything is masked
         held = max(start - LAG_SLOTS, ring.values_begin)  # the first slot that may still be masked
-        good: BoolArray | None = None  # before anything was masked
+        good = _count_good(ring, held, stop)
         faults = []
-        for name, judged in ((SPEED, in_speed), (TORQUE, in_torque)):
-            if judged is None:
+        for name, found in judged.items():
+            if found is None:
                 continue
-            kind, since = judged
+            kind, since = found
             # At rest a tachometer reads zero, and so may the current: that is no fault.
             wrong = (kind == STANDS_OUT) | ((kind == HANGS) & turning)
-            if not wrong.any():
-                continue
-            good = _good(ring, held, stop) if good is None else good
             values = ring.read(name, held, stop).copy()
             values[start - held :][wrong] = np.nan
             for k in np.flatnonzero(wrong & ((kind == STANDS_OUT) | (since > 0))).tolist():
@@ -332,12 +331,12 @@ class SensorValidation:
                 values[first - held : start + k - held] = np.nan
                 faults.append(Fault(name, bool(kind[k] == HANGS), first))
             ring.overwrite(name, held, values)
-        masked = 0 if good is None else int(good.sum() - _good(ring, held, stop).sum())
-        return masked, sorted(faults, key=lambda fault: fault.slot)
+        return good - _count_good(ring, held, stop), sorted(faults, key=lambda fault: fault.slot)
 
 
-def _good(ring: RingBuffer, start: int, stop: int) -> BoolArray:
-    return np.isfinite(ring.read(SPEED, start, stop)) & np.isfinite(ring.read(TORQUE, start, stop))
+def _count_good(ring: RingBuffer, start: int, stop: int) -> int:
+    speed, torque = ring.read_required(start, stop)
+    return int(np.count_nonzero(np.isfinite(speed) & np.isfinite(torque)))
 
 
 # ---- friction --------------------------------------------------------------------------------------------------------
@@ -505,13 +504,12 @@ class FrictionSource:
         here = slice(self.before, self.before + stop - start)
         friction = corrected_friction(speed, motor, self.wheel, acceleration)[here] if self.derived else torque.copy()
         acceleration = acceleration[here]
-        masked = 0
-        faults: list[Fault] = []
+        masked, faults = 0, list[Fault]()
         if self.derived:
-            masked = int(np.count_nonzero(np.isfinite(torque) & np.isfinite(acceleration) & np.isnan(friction)))
-            self.at_corners += masked
-            stand_out, faults = self._mask_outstanding(ring, start, stop, acceleration, friction)
-            masked += stand_out
+            at_corners = int(np.count_nonzero(np.isfinite(torque) & np.isfinite(acceleration) & np.isnan(friction)))
+            self.at_corners += at_corners
+            masked, faults = self._mask_outstanding(ring, start, stop, acceleration, friction)
+            masked += at_corners
         viscous = self._subtract_effects(ring, start, stop, acceleration, friction)
         return friction, masked, faults, viscous
 
@@ -524,16 +522,13 @@ class FrictionSource:
         acceleration may not be known yet, but is nearly the same. Masking reaches back to the beginning of the block at
         most: slots before may have been passed on.
         """
-        slots = np.arange(start, stop)
-        last = np.flatnonzero((slots + 1) % BLOCK_SLOTS == 0)
-        if last.size == 0 or last[-1] != slots.size - 1:
-            last = np.append(last, slots.size - 1)
+        ends = np.arange(start + 1, stop + 1)
+        last = np.flatnonzero((ends % BLOCK_SLOTS == 0) | (ends == stop))
         after = np.append(torque[1:], np.nan)
         following = ring.read(TORQUE, start + 1, stop + 1)[last]
         after[last] = friction_torque(following, acceleration[last], inertia_of(self.wheel))
         judged = self.channel.judge(torque, after, self.limit_Nm)
-        masked = 0
-        faults: list[Fault] = []
+        masked, faults = 0, []
         if judged is not None:
             kind, since = judged
             for k in np.flatnonzero(kind == STANDS_OUT).tolist():
@@ -566,10 +561,8 @@ class FrictionSource:
         speed = ring.read(SPEED, start, stop)
         good = np.isfinite(speed)
         # Where a speed is missing, the angle is continued with the last one known.
-        held = np.append(self.last_speed_rad_s, speed)
-        for i in np.flatnonzero(~good).tolist():
-            held[i + 1] = held[i]
-        held = held[1:]
+        latest = np.maximum.accumulate(np.where(good, np.arange(1, speed.size + 1), 0))
+        held = np.append(self.last_speed_rad_s, speed)[latest]
         angle = np.add.accumulate(np.concatenate(([self.angle_rad], held * period_s)))[1:]
         self.angle_rad, self.last_speed_rad_s = float(angle[-1]), float(held[-1])
         optional = {name: ring.read(name, start, stop) if name in ring.channels else None for name in OPTIONAL}

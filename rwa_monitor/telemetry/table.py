@@ -42,15 +42,12 @@ class SampleTable(NamedTuple):
     ----------
     samples
         The telemetry; time strictly increases, there is at least one sample.
-    ignored_columns
-        Names of the columns that were left out, in the table's order.
     notes
-        How the rows were used, a sentence each.
+        How the rows were used, and which columns were left out, a sentence each.
     """
 
     samples: Samples
-    ignored_columns: tuple[str, ...]
-    notes: tuple[str, ...] = ()
+    notes: Sequence[str] = ()
 
 
 class Layout(NamedTuple):
@@ -69,7 +66,7 @@ class Layout(NamedTuple):
     time: str
     time_at: int
     channels: dict[str, int]
-    ignored: tuple[str, ...]
+    ignored: list[str]
 
 
 def lay_out(names: Sequence[str], source: str) -> Layout:
@@ -100,8 +97,7 @@ def lay_out(names: Sequence[str], source: str) -> Layout:
     channels = {name: names.index(name) for name in _COLUMNS if name in names}
     if {ANGLE, ANGLE_IN_DEGREES} <= channels.keys():
         raise InputError(source, f"is there beside {ANGLE}: leave one of them out", f"column {ANGLE_IN_DEGREES}")
-    known = {time[0], *channels}
-    ignored = tuple(name for name in names if name not in known)
+    ignored = [name for name in names if name not in (time[0], *channels)]
     return Layout(time[0], names.index(time[0]), channels, ignored)
 
 
@@ -204,16 +200,16 @@ def read_table(path: Path, pulses_per_turn: int | None = None) -> SampleTable:
     layout, time_ns, channels = (_read_parquet if file_format(path) == "parquet" else _read_csv)(path, source)
     if ANGLE_IN_DEGREES in channels:
         channels[ANGLE] = np.radians(channels.pop(ANGLE_IN_DEGREES))
+    notes = [f"columns ignored: {', '.join(layout.ignored)}"] if layout.ignored else []
     if layout.time not in PULSE_COLUMNS:
-        return SampleTable(Samples(time_ns=time_ns, **channels), layout.ignored)
+        return SampleTable(Samples(time_ns=time_ns, **channels), notes)
     if pulses_per_turn is None:
         raise InputError(
             source, "holds pulses: how many make a turn is pulses_per_turn, under [wheel] in the wheel file"
         )
     pulses = Samples(time_ns=time_ns, **{SPEED: np.full(time_ns.size, np.nan), **channels})
     turning = speed_of_pulses(pulses, pulses_per_turn, source)
-    note = f"{source}: {turning.in_words(len(pulses), pulses_per_turn)}"
-    return SampleTable(turning.samples, layout.ignored, (note,))
+    return SampleTable(turning.samples, [turning.in_words(len(pulses), pulses_per_turn), *notes])
 
 
 # ---- CSV: comma-separated UTF-8, one header row; read as text, so that every bad value can be named ------------------

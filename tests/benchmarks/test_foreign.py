@@ -35,36 +35,28 @@ def test_a_delay_of_parts_of_a_slot_is_named_once_and_what_it_hid_beside_it() ->
     assert [name for names in found.sets for name in names].count("current_delay") == 1
 
 
-@pytest.mark.parametrize(("seed", "number"), [(9, 59), (29, 55), (39, 43), (40, 42)])
-def test_jumps_of_a_wheel_that_lacks_nothing_are_explained_by_its_systems(seed: int, number: int) -> None:
-    # Seed 9: uniform laws and few switches, the attribution by the known laws is 180 nepers short of their best.
-    # Seed 29: two pulses of derived friction at corners of the speed, a few samples each, one across a gap.
-    # Seed 39: pulses at corners within a slew, too small to be jumps, were heavy tails.
-    # Seed 40: two samples between corners beside a reversal were a jump that decays.
-    assert judge(draw_record((), 20_000, np.random.default_rng([seed, number])), 0).sets == ()
+# What makes jumps, and in which records (seed and number).
+JUMPS = {
+    # A wheel that lacks nothing, whose systems explain them: uniform laws and few switches, the attribution by the
+    # known laws is 180 nepers short of their best; two pulses of derived friction at corners of the speed, a few
+    # samples each, one across a gap; pulses at corners within a slew, too small to be jumps, were heavy tails; two
+    # samples between corners beside a reversal were a jump that decays.
+    None: [(9, 59), (29, 55), (39, 43), (40, 42)],
+    # A system as large as known ones, no jump odd by its size: how many are alike shows it, and that they last alike.
+    "extra_switching_system": [(16, 38), (26, 18)],
+    # Sojourns of a few slots at high speed; in record 6 what no level fits is no ripple, whose phase follows noise.
+    "speed_triggered_jumps": [(28, 6), (28, 36)],
+    # The noise: they come in clusters, or are of other sizes than those that a system is looked for at.
+    "speed_dependent_noise": [(25, 32), (27, 36)],
+    "heavy_tailed_noise": [(25, 37)],
+}
 
 
-@pytest.mark.parametrize(("seed", "number"), [(16, 38), (26, 18)])
-def test_a_system_as_large_as_known_ones_is_one_more(seed: int, number: int) -> None:
-    # No jump of it is odd by its size: how many are alike shows it, and that they last about as long.
-    hidden = ("extra_switching_system",)
-    assert judge(draw_record(hidden, 20_000, np.random.default_rng([seed, number])), number).sets == (hidden,)
-
-
-@pytest.mark.parametrize("number", [6, 36])
-def test_sojourns_of_a_few_slots_at_high_speed_are_jumps_that_the_speed_triggers(number: int) -> None:
-    # In record 6 what no level fits is no ripple, whose phase then follows noise.
-    hidden = ("speed_triggered_jumps",)
-    assert judge(draw_record(hidden, 20_000, np.random.default_rng([28, number])), number).sets == (hidden,)
-
-
-@pytest.mark.parametrize(
-    ("effect", "seed", "number"),
-    [("speed_dependent_noise", 25, 32), ("heavy_tailed_noise", 25, 37), ("speed_dependent_noise", 27, 36)],
-)
-def test_jumps_of_the_noise_are_no_system(effect: str, seed: int, number: int) -> None:
-    # They come in clusters, or are of other sizes than those that the system is looked for at.
-    assert judge(draw_record((effect,), 20_000, np.random.default_rng([seed, number])), number).sets == ((effect,),)
+@pytest.mark.parametrize(("name", "record"), [(name, one) for name, records in JUMPS.items() for one in records])
+def test_jumps_are_named_for_what_makes_them(name: str | None, record: tuple[int, int]) -> None:
+    hidden = (name,) if name else ()
+    found = judge(draw_record(hidden, 20_000, np.random.default_rng(record)), record[1])
+    assert found.sets == ((hidden,) if hidden else ())
 
 
 def test_the_files_are_those_of_the_program(tmp_path: Path) -> None:

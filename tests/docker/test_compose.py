@@ -18,8 +18,8 @@ import yaml
 import zenoh
 
 from tests.program import run
+from tests.security.rig import DOCKER, make_certificates
 
-DOCKER: Final = Path(__file__).parents[2] / "docker"
 TEXT: Final = (DOCKER / "compose.yaml").read_text(encoding="utf-8")
 COMPOSE: Final[dict[str, Any]] = yaml.safe_load(TEXT)
 SERVICES: Final[dict[str, dict[str, Any]]] = COMPOSE["services"]
@@ -103,9 +103,7 @@ def test_a_monitor_is_healthy_by_the_file_that_it_touches() -> None:
 
 
 def test_each_certificate_is_one_that_the_script_makes_and_the_router_knows(tmp_path: Path) -> None:
-    made = subprocess.run(
-        [DOCKER / "make_certificates.sh", tmp_path / "made"], capture_output=True, text=True, check=False
-    )
+    made = make_certificates(tmp_path / "made")
     assert made.returncode == 0, made.stderr
     mounted = {name: volumes(name).get("/etc/rwa-monitor/tls") for name in SERVICES if name != "database"}
     assert len(set(mounted.values())) == len(mounted)
@@ -142,9 +140,8 @@ def test_the_password_stands_in_the_secret_files_only(tmp_path: Path) -> None:
     assert SERVICES["dashboard"]["secrets"] == ["database_pgpass"]
     assert SERVICES["database"]["secrets"] == ["database_password"]
     assert "://rwa@" in str(option("dashboard", "--history"))
-    assert {key for service in SERVICES.values() for key in service.get("environment", {}) if "PASSWORD" in key} == {
-        "POSTGRES_PASSWORD_FILE"
-    }
+    settings = [key for service in SERVICES.values() for key in service.get("environment", {})]
+    assert [key for key in settings if "PASSWORD" in key] == ["POSTGRES_PASSWORD_FILE"]
 
 
 def test_no_password_is_overwritten_or_the_same_twice(tmp_path: Path) -> None:

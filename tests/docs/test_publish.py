@@ -61,14 +61,10 @@ def test_the_figures_of_the_page_are_those_of_the_code() -> None:
 
 
 def test_operators_find_every_counter_of_the_status_explained() -> None:
-    counters = {
-        name
-        for name, schema in Status.json_schema()["properties"].items()
-        if schema.get("type") == "integer" and not name.endswith("_ns")
-    }
+    properties = Status.json_schema()["properties"].items()
+    counters = {name for name, one in properties if one.get("type") == "integer" and not name.endswith("_ns")}
     assert len(counters) > 10, json.dumps(sorted(counters))
     page = (ROOT / "docs" / "operators.md").read_text(encoding="utf-8").split("## Is the monitor itself well?")[1]
-    explained = set(
-        re.findall(r"`(\w+)`", " ".join(row.split(" | ")[0] for row in page.splitlines() if row[:2] == "| "))
-    )
+    heads = [row.split(" | ")[0] for row in page.splitlines() if row[:2] == "| "]
+    explained = set(re.findall(r"`(\w+)`", " ".join(heads)))
     assert counters <= explained, f"no row for {sorted(counters - explained)}"

@@ -37,9 +37,7 @@ def test_every_page_stands_in_the_menu() -> None:
 
 
 def test_reading_the_site_fetches_nothing_from_elsewhere(site: Path) -> None:
+    loads = r'<(?:script|img)[^>]+src="(https?:[^"]+)"|<link[^>]+rel="stylesheet"[^>]+href="(https?:[^"]+)"'
     for page in site.rglob("*.html"):
-        loaded = re.findall(
-            r'<(?:script|img)[^>]+src="(https?:[^"]+)"|<link[^>]+rel="stylesheet"[^>]+href="(https?:[^"]+)"',
-            page.read_text(encoding="utf-8"),
-        )
+        loaded = re.findall(loads, page.read_text(encoding="utf-8"))
         assert not loaded, f"{page.name}: {loaded}"

@@ -16,17 +16,8 @@ from rwa_monitor.simulation.motion import Motion, wheel_angle
 from rwa_monitor.simulation.scenario import Scenario
 from rwa_monitor.wheel.wheel import EffectBlock, Wheel, built_in_wheel
 
-STRICT = [
-    "-std=c99",
-    "-Wall",
-    "-Wextra",
-    "-Werror",
-    "-pedantic",
-    "-Wconversion",
-    "-Wdouble-promotion",
-    "-O2",
-    "-ffp-contract=off",
-]
+WARNINGS = ["-Wall", "-Wextra", "-Werror", "-pedantic", "-Wconversion", "-Wdouble-promotion"]
+STRICT = ["-std=c99", *WARNINGS, "-O2", "-ffp-contract=off"]
 DURATION_S = 10_000.0
 # Speed [rad/s] at times [s]: from rest, both ways, slow and fast crossings, rests within, to the nominal speed.
 NODES_S = [0, 300, 700, 1500, 1900, 2200, 2300, 2900, 3000, 3600, 4200, 4230, 5200, 6000, 6600, 7400, 8200, 9000, 10000]

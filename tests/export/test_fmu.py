@@ -50,18 +50,9 @@ def simulate(fmu: Path, script: Script, kind: str) -> FloatArray:
     time = np.arange(len(script.inputs)) * script.period_s
     signals = np.rec.fromarrays([time, *script.inputs.T], names=["time", *INPUTS, "dry_level_Nm"])
     step = {"step_size": script.period_s} if kind == "ModelExchange" else {}
-    result = fmpy.simulate_fmu(
-        str(fmu),
-        fmi_type=kind,
-        solver="Euler",
-        start_time=0.0,
-        stop_time=time[-1],
-        input=signals,
-        output=[OUTPUT],
-        output_interval=script.period_s,
-        record_events=False,
-        **step,
-    )
+    span = {"start_time": 0.0, "stop_time": time[-1], "output_interval": script.period_s, **step}
+    how = {"fmi_type": kind, "solver": "Euler", "record_events": False}
+    result = fmpy.simulate_fmu(str(fmu), input=signals, output=[OUTPUT], **span, **how)
     assert np.array_equal(result["time"], time)
     return np.asarray(result[OUTPUT])
 
@@ -88,12 +79,9 @@ def test_model_exchange_equals_the_simulation(fmu: Path, script: Script) -> None
 @pytest.fixture
 def slave(fmu: Path) -> Iterator[FMU3Slave]:
     description = fmpy.read_model_description(str(fmu))
-    folder = fmpy.extract(str(fmu))
+    name = description.coSimulation.modelIdentifier
     one = FMU3Slave(
-        guid=description.guid,
-        unzipDirectory=folder,
-        modelIdentifier=description.coSimulation.modelIdentifier,
-        instanceName="one",
+        guid=description.guid, unzipDirectory=fmpy.extract(str(fmu)), modelIdentifier=name, instanceName="one"
     )
     one.instantiate()
     one.enterInitializationMode()

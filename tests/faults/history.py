@@ -121,12 +121,12 @@ class History:
     @property
     def recoverable(self) -> bool:
         """Whether everything that was sent can reach the monitor in the end."""
-        return not set(self.kinds) & set(LOSING)
+        return LOSING.keys().isdisjoint(self.kinds)
 
     @property
     def loses_recording(self) -> bool:
         """Whether the disk fails, so that the recording may lack something."""
-        return bool(set(self.kinds) & {"disk_full", "disk_fails", "flipped_recording"})
+        return not {"disk_full", "disk_fails", "flipped_recording"}.isdisjoint(self.kinds)
 
 
 def wheel() -> Wheel:

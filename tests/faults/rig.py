@@ -13,9 +13,9 @@ from __future__ import annotations
 import json
 import os
 import resource
-import shutil
 import signal
 import socket
+import subprocess
 import sys
 import time
 from collections import defaultdict
@@ -70,12 +70,10 @@ def publisher_process(config: Path, port: int, kept: int, connection: Connection
         connection.send("ready")
         while (put := connection.recv()) is not None:
             name = f"{put.key} {put.publisher}"
-            if name not in publishers:
-                publishers[name] = (
-                    _plain_publisher(session, put.key)
-                    if put.publisher == "intruder"
-                    else messages_publisher(session, put.key, kept)
-                )
+            if name not in publishers and put.publisher == "intruder":
+                publishers[name] = _plain_publisher(session, put.key)
+            elif name not in publishers:
+                publishers[name] = messages_publisher(session, put.key, kept)
             publishers[name].put(put.payload)
 
 
@@ -128,8 +126,7 @@ class Link:
 
     def _drop(self) -> None:
         for end in list(self._sockets):
-            with suppress(OSError):
-                end.shutdown(socket.SHUT_RDWR)
+            _shut(end)
             end.close()
         self._sockets.clear()
 
@@ -158,8 +155,12 @@ class Link:
                 self._flows.wait()
                 sink.sendall(data)
         for end in (source, sink):
-            with suppress(OSError):
-                end.shutdown(socket.SHUT_RDWR)
+            _shut(end)
+
+
+def _shut(end: socket.socket) -> None:
+    with suppress(OSError):
+        end.shutdown(socket.SHUT_RDWR)
 
 
 # ---- the rig ---------------------------------------------------------------------------------------------------------
@@ -349,13 +350,8 @@ def _zenoh_settings() -> dict[str, Any]:
 @contextmanager
 def _small_disk(folder: Path) -> Iterator[None]:
     """Mount a small file system in memory."""
-    import subprocess
-
-    mount, umount = shutil.which("mount"), shutil.which("umount")
-    assert mount
-    assert umount
-    subprocess.run([mount, "-t", "tmpfs", "-o", f"size={TMPFS_BYTES}", "rwa-faults", folder], check=True)
+    subprocess.run(["mount", "-t", "tmpfs", "-o", f"size={TMPFS_BYTES}", "rwa-faults", folder], check=True)
     try:
         yield
     finally:
-        subprocess.run([umount, "--lazy", folder], check=True)
+        subprocess.run(["umount", "--lazy", folder], check=True)

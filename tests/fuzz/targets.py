@@ -46,8 +46,8 @@ from rwa_monitor.samples import Samples
 from rwa_monitor.simulation.scenario import Scenario
 from rwa_monitor.telemetry.ccsds_packets import PacketDecoder, read_packets
 from rwa_monitor.telemetry.files import read_text
-from rwa_monitor.telemetry.labels import JudgedAnomaly, JudgedWindow, match_labels, read_labels, write_labels
-from rwa_monitor.telemetry.reader import Decoding, TelemetryFile, TextFile
+from rwa_monitor.telemetry.labels import JudgedAnomaly, JudgedWindow, match_labels, read_labels
+from rwa_monitor.telemetry.reader import TelemetryFile, TextFile
 from rwa_monitor.telemetry.ros2_bag import read_bag
 from rwa_monitor.telemetry.scores import score
 from rwa_monitor.telemetry.table import read_table, table_writer
@@ -182,19 +182,16 @@ def read_any_table(suffix: str) -> Callable[[bytes], None]:
     return read
 
 
-def table_seeds(suffix: str) -> Callable[[], list[bytes]]:
-    def seeds() -> list[bytes]:
-        samples = small_samples()[:20]
-        table_writer(scratch() / f"seed{suffix}")(samples, scratch() / f"seed{suffix}")
-        found = [(scratch() / f"seed{suffix}").read_bytes()]
-        if suffix == ".csv":
-            found += [
-                b"time_s,speed_rad_s,friction_torque_Nm\r\n0.125,1e3,\r\n1.5e0,nan,-0.1\r\n2,inf,1\r\n",
-                b'\xef\xbb\xbftime_ns,"speed_rad_s",motor_current_A,x\n1,2,3,"a,b"\n+5,-2.5E-3,.5,\n',
-            ]
-        return found
+def table_seeds(suffix: str) -> list[bytes]:
+    path = scratch() / f"seed{suffix}"
+    table_writer(path)(small_samples()[:20], path)
+    return [path.read_bytes()]
 
-    return seeds
+
+CSV_SEEDS: Final = (
+    b"time_s,speed_rad_s,friction_torque_Nm\r\n0.125,1e3,\r\n1.5e0,nan,-0.1\r\n2,inf,1\r\n",
+    b'\xef\xbb\xbftime_ns,"speed_rad_s",motor_current_A,x\n1,2,3,"a,b"\n+5,-2.5E-3,.5,\n',
+)
 
 
 def read_a_wheel(data: bytes) -> None:
@@ -225,9 +222,7 @@ def read_some_labels(data: bytes) -> None:
 
 def label_seeds() -> list[bytes]:
     kept("table.csv", b"")
-    row = {"file": "table.csv", "dry": "0", "viscous": "1", "fss_1": "0"}
-    write_labels([row], scratch() / "labels.csv")
-    return [(scratch() / "labels.csv").read_bytes(), b'file,dry,viscous\n"table.csv",1,0\n\n']
+    return [b"file,dry,viscous,fss_1\ntable.csv,0,1,0\n", b'file,dry,viscous\n"table.csv",1,0\n\n']
 
 
 def read_some_events(data: bytes) -> None:
@@ -275,31 +270,21 @@ def use_all(file: TelemetryFile) -> None:
 
 def bag_seeds() -> list[bytes]:
     """Return bags in chunks, whose checksum the reader uses only when it is there, and without chunks."""
-    samples = small_samples()[:40]
-    return [bags.write_bag(samples, scratch() / "seed.mcap", how).read_bytes() for how in CompressionType] + [
-        bags.write_bag(samples, scratch() / "seed.mcap", chunk_size=0).read_bytes()
-    ]
+    samples, path = small_samples()[:40], scratch() / "seed.mcap"
+    chunked = [bags.write_bag(samples, path, how).read_bytes() for how in CompressionType]
+    return [*chunked, bags.write_bag(samples, path, chunk_size=0).read_bytes()]
 
 
-def read_a_definition(data: bytes) -> None:
-    """Read bytes as an XTCE definition, as a file of one would come, and packets by it."""
-    text = read_text(kept("x.xml", data), 100_000)
-    decode(Decoding(made.decoding().map, TextFile("x.xml", text)))
+def read_a_decoding(field: str) -> Callable[[bytes], None]:
+    """Read bytes as a map or an XTCE definition, as a file of one would come, and packets by it."""
 
+    def read(data: bytes) -> None:
+        text = read_text(kept("x.txt", data), 100_000)
+        decoder = PacketDecoder(made.decoding()._replace(**{field: TextFile("x.txt", text)}), "test")
+        for packet in made.packets(4):
+            decoder.take(packet)
 
-def read_a_map(data: bytes) -> None:
-    text = read_text(kept("map.toml", data), 100_000)
-    decode(Decoding(TextFile("map.toml", text), made.decoding().xtce))
-
-
-def decode(decoding: Decoding) -> None:
-    decoder = PacketDecoder(decoding, "test")
-    for packet in made.packets(4):
-        decoder.take(packet)
-
-
-def text_of(file: TextFile | None) -> bytes:
-    return file.text.encode()
+    return read
 
 
 # ---- recordings ------------------------------------------------------------------------------------------------------
@@ -353,25 +338,20 @@ def with_part(place: int, content: bytes) -> Path:
 def read_a_part(data: bytes) -> None:
     """Put bytes in the place of one part of a recording, and use the recording in all ways."""
     path = with_part(data[0] % len(parts()) if data else 0, data[1:])
-    uses: tuple[Callable[[], object], ...] = (
-        lambda: replay(path),
-        lambda: read_telemetry(path),
-        lambda: json.loads(replay_json(scratch(), path.name)),
-    )
-    refused: RwaMonitorError | None = None
-    for use in uses:
+    refused = []
+    for use in (replay, read_telemetry, lambda path: json.loads(replay_json(scratch(), path.name))):
         try:
-            use()
+            use(path)
         except RwaMonitorError as error:
-            refused = error
-    if refused is not None:
-        raise refused
+            refused.append(error)
+    if refused:
+        raise refused[-1]
 
 
 TARGETS: Final[dict[str, Target]] = {
     "messages": Target(read_message, message_seeds),
-    "csv": Target(read_any_table(".csv"), table_seeds(".csv")),
-    "parquet": Target(read_any_table(".parquet"), table_seeds(".parquet")),
+    "csv": Target(read_any_table(".csv"), lambda: [*table_seeds(".csv"), *CSV_SEEDS]),
+    "parquet": Target(read_any_table(".parquet"), lambda: table_seeds(".parquet")),
     "wheel": Target(
         read_a_wheel, lambda: [small_wheel().to_toml().encode(), wheel(WINDOW, 16, True).to_toml().encode()]
     ),
@@ -387,8 +367,8 @@ TARGETS: Final[dict[str, Target]] = {
     "configuration": Target(read_a_configuration, configuration_seeds),
     "packets": Target(read_some_packets, lambda: [b"".join(made.packets(20))]),
     "ros2": Target(read_a_bag, bag_seeds),
-    "xtce": Target(read_a_definition, lambda: [text_of(made.decoding().xtce)]),
-    "map": Target(read_a_map, lambda: [text_of(made.decoding().map)]),
+    "xtce": Target(read_a_decoding("xtce"), lambda: [made.decoding().xtce.text.encode()]),
+    "map": Target(read_a_decoding("map"), lambda: [made.decoding().map.text.encode()]),
     "mcap": Target(read_bytes_of_a_recording, lambda: [with_part(-1, b"").read_bytes()]),
     "replay": Target(read_a_part, lambda: [bytes([at]) + part[2] for at, part in enumerate(parts())]),
 }

@@ -19,16 +19,16 @@ PLACEHOLDER: Final = "0.0.0.0:7447"  # where the shipped router listens
 NAMES: Final = ("monitor", "monitor_2", "dashboard", "simulated.wheel_1", "simulated.wheel_2", "somebody")
 
 
-def make_certificates(folder: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
+def make_certificates(folder: Path, *names: str) -> subprocess.CompletedProcess[str]:
     """Run the script that is shipped."""
-    command = [str(DOCKER / "make_certificates.sh"), *arguments[:-1], str(folder), *arguments[-1].split()]
+    command = [str(DOCKER / "make_certificates.sh"), str(folder), *names]
     # In a locale that every machine has: bash warns of one that is not installed.
     environment = {**os.environ, "LC_ALL": "C"}
     return subprocess.run(command, capture_output=True, text=True, check=False, env=environment)
 
 
 def certificates(folder: Path) -> Path:
-    done = make_certificates(folder, " ".join(NAMES))
+    done = make_certificates(folder, *NAMES)
     assert done.returncode == 0, done.stderr
     return folder
 
@@ -52,9 +52,9 @@ def router(own: Path, scratch: Path) -> Iterator[int]:
         yield port
 
 
-def leaf(own: Path, port: int, scratch: Path, **changes: str) -> BusOptions:
+def leaf(own: Path, port: int, scratch: Path) -> BusOptions:
     """Return the bus options of a client with the certificate in `own`, by the shipped client configuration."""
-    config = configured("client.json5", own, scratch / f"{own.parent.name}-{own.name}-{port}.json5", **changes)
+    config = configured("client.json5", own, scratch / f"{own.parent.name}-{own.name}-{port}.json5")
     return BusOptions(config=config, connect=(f"tls/localhost:{port}",))
 
 

@@ -15,7 +15,6 @@ import zstandard
 from mcap.opcode import Opcode
 from mcap.writer import MCAP0_MAGIC
 
-from rwa_monitor.errors import InputError
 from rwa_monitor.messages import MAX_MESSAGE_BYTES, MAX_SAMPLES, MESSAGES, SamplesMessage
 from rwa_monitor.monitor.bus import BusOptions, session_config
 from rwa_monitor.monitor.recording import (
@@ -28,15 +27,10 @@ from rwa_monitor.monitor.recording import (
 from rwa_monitor.monitor.setup import read_model, read_scenario, read_wheel
 from rwa_monitor.telemetry.files import PIECE_BYTES
 from rwa_monitor.telemetry.labels import MAX_LABELS_BYTES, read_labels
-from rwa_monitor.telemetry.table import (
-    MAX_COLUMNS,
-    MAX_ROWS,
-    MAX_TABLE_BYTES,
-    read_table,
-)
+from rwa_monitor.telemetry.table import MAX_COLUMNS, MAX_ROWS, MAX_TABLE_BYTES, read_table
 from rwa_monitor.wheel.file_content import MAX_CONTENT_BYTES
 from tests.monitor.recordings import chunk, record
-from tests.program import run
+from tests.program import refused, run
 
 DEEP = 100_000
 READERS: dict[str, tuple[Callable[[Path], object], int]] = {
@@ -50,16 +44,6 @@ READERS: dict[str, tuple[Callable[[Path], object], int]] = {
     "zenoh.json5": (lambda path: session_config(BusOptions(config=path)), MAX_CONTENT_BYTES),
 }
 MAGIC = {".parquet": b"PAR1", ".mcap": MCAP0_MAGIC}
-
-
-def refused(read: Callable[[], object]) -> str:
-    """Return the one line with which something is refused."""
-    with pytest.raises(InputError) as caught:
-        read()
-    line = str(caught.value)
-    assert "\n" not in line
-    assert len(line) < 2_000
-    return line
 
 
 @pytest.mark.parametrize("name", list(READERS))

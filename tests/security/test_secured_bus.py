@@ -53,28 +53,32 @@ class Bus:
     def hear(self, sample: zenoh.Sample) -> None:
         self.heard.append((str(sample.key_expr), sample.payload.to_bytes()))
 
+    def of(self, key: str) -> list[bytes]:
+        """Return what was heard on a key."""
+        return [payload for heard, payload in self.heard if heard == key]
+
+    def subscribe(self, session: zenoh.Session, keys: str) -> Any:
+        late = ext.HistoryConfig(detect_late_publishers=True)
+        return ext.declare_advanced_subscriber(session, keys, self.hear, history=late)
+
+    def finish(self) -> None:
+        """Let the right wheel send on its own key, and wait until both have received it."""
+        with self.join("simulated.wheel_1") as right:
+            send(right, SAMPLES, b"last")
+            wait_for(lambda: self.of(SAMPLES).count(b"last") >= 2, "the right wheel")
+
 
 @contextmanager
 def secured(own: Path, scratch: Path) -> Iterator[Bus]:
     with router(own / "router", scratch) as port:
         bus = Bus(port, own, scratch)
         with bus.join("monitor") as monitor, bus.join("dashboard") as dashboard:
-            subscribers = [
-                ext.declare_advanced_subscriber(
-                    session, key, bus.hear, history=ext.HistoryConfig(detect_late_publishers=True)
-                )
-                for session, key in ((monitor, "rwa/*/*/samples"), (dashboard, "rwa/*/*/*"))
-            ]
-            settled(monitor, SAMPLES)
-            settled(dashboard, SAMPLES)
+            subscribers = [bus.subscribe(monitor, "rwa/*/*/samples"), bus.subscribe(dashboard, "rwa/*/*/*")]
+            for session in (monitor, dashboard):  # a question is answered only after all that it has declared is taken
+                assert not list(session.get(f"{SAMPLES}/@adv/nobody"))
             yield bus
             for subscriber in subscribers:
                 subscriber.undeclare()
-
-
-def settled(session: zenoh.Session, key: str) -> None:
-    """Wait until the router has taken what a session has declared: it answers a question only after that."""
-    assert not list(session.get(f"{key}/@adv/nobody"))
 
 
 def send(session: zenoh.Session, key: str, payload: bytes) -> None:
@@ -89,9 +93,7 @@ def arrived_after(bus: Bus, name: str, key: str) -> set[tuple[str, bytes]]:
     """Return what arrived when somebody sent on a key, and the right wheel on its own after that."""
     with bus.join(name) as session:
         send(session, key, b"sent")
-        with bus.join("simulated.wheel_1") as right:
-            send(right, SAMPLES, b"last")
-            wait_for(lambda: len([payload for _, payload in bus.heard if payload == b"last"]) >= 2, "the right wheel")
+        bus.finish()
     return set(bus.heard) - {(SAMPLES, b"last")}
 
 
@@ -145,15 +147,9 @@ def strangers(own: Path, port: int, scratch: Path) -> dict[str, BusOptions]:
     foreign = certificates(scratch / "foreign")
     for folder in foreign.glob("simulated.*"):
         (folder / "ca.pem").write_bytes((own / "router" / "ca.pem").read_bytes())
-    yesterday = datetime.now(UTC) - timedelta(days=1)
-    expired = issued(
-        own / "authority",
-        scratch / "expired",
-        "simulated.wheel_1",
-        not_before=yesterday - timedelta(days=1),
-        not_after=yesterday,
-    )
-    early = issued(own / "authority", scratch / "early", "simulated.wheel_1", not_before=yesterday + timedelta(days=2))
+    now, day, ours = datetime.now(UTC), timedelta(days=1), own / "authority"
+    expired = issued(ours, scratch / "expired", "simulated.wheel_1", not_before=now - 2 * day, not_after=now - day)
+    early = issued(ours, scratch / "early", "simulated.wheel_1", not_before=now + day)
     unknown = leaf(own / "somebody", port, scratch)
     text = unknown.config.read_text(encoding="utf-8")
     bare = scratch / "bare.json5"
@@ -197,9 +193,7 @@ def test_a_connection_ends_when_its_certificate_does(issued_by_us: Path, tmp_pat
         wait_for(lambda: not list(session.info.routers_zid()), "the end of the connection")
         assert datetime.now(UTC) >= end - timedelta(seconds=1)
         session.put(SAMPLES, b"too late")
-        with bus.join("simulated.wheel_1") as right:
-            send(right, SAMPLES, b"last")
-            wait_for(lambda: len([payload for _, payload in bus.heard if payload == b"last"]) >= 2, "the right wheel")
+        bus.finish()
     assert {payload for _, payload in bus.heard} == {b"in time", b"last"}
 
 
@@ -225,16 +219,14 @@ def test_run_simulate_and_a_dashboard_work_over_the_secured_bus(issued_by_us: Pa
             return subprocess.Popen(joined, stderr=subprocess.PIPE, text=True)
 
         with bus.join("dashboard") as dashboard, bus.join("simulated.wheel_1") as satellite:
-            subscriber = ext.declare_advanced_subscriber(
-                dashboard, "rwa/*/*/*", bus.hear, history=ext.HistoryConfig(detect_late_publishers=True)
-            )
+            subscriber = bus.subscribe(dashboard, "rwa/*/*/*")
             said = program("monitor", "run", "--wheel", str(tmp_path / "wheel.toml"), "--record", str(tmp_path / "rec"))
             offered = SamplesPublisher(satellite, SAMPLES)
             try:
                 put_pieces(offered, samples, 256)
                 intruder = program("somebody", "simulate", "publish", "--speed", "inf", "--key", SAMPLES)
                 assert "published" in intruder.communicate(timeout=120)[1]  # it receives nothing
-                wait_for(lambda: len([key for key, _ in bus.heard if key == DIAGNOSIS]) >= 2, "both diagnoses")
+                wait_for(lambda: len(bus.of(DIAGNOSIS)) >= 2, "both diagnoses")
                 health = {str(reply.ok.key_expr) for reply in dashboard.get("rwa/**/health") if reply.ok is not None}
             finally:
                 said.send_signal(signal.SIGTERM)
@@ -243,9 +235,9 @@ def test_run_simulate_and_a_dashboard_work_over_the_secured_bus(issued_by_us: Pa
     assert said.returncode == 0, talk
     assert health == {"rwa/simulated/wheel_1/health"}
     expected = [json.loads(line) for line in batch_diagnoses(samples, wheel())]
-    heard = [json.loads(payload) for key, payload in bus.heard if key == DIAGNOSIS]
-    assert [d["verdict"] for d in heard] == [d["verdict"] for d in expected]
-    assert [d["changepoints"] for d in heard] == [d["changepoints"] for d in expected]
+    heard = [json.loads(payload) for payload in bus.of(DIAGNOSIS)]
+    for field in ("verdict", "changepoints"):
+        assert [d[field] for d in heard] == [d[field] for d in expected]
     recorded = [
         message
         for path in recordings_of(tmp_path / "rec")
@@ -257,21 +249,15 @@ def test_run_simulate_and_a_dashboard_work_over_the_secured_bus(issued_by_us: Pa
 
 def test_each_container_has_its_own_certificate_and_no_other() -> None:
     services = yaml.safe_load((DOCKER / "compose.yaml").read_text(encoding="utf-8"))["services"]
-    on_bus = {name: service for name, service in services.items() if name != "database"}
+    tls = "/etc/rwa-monitor/tls"
     mounted = {
-        name: [volume for volume in service["volumes"] if "certificates" in volume or ":/etc/rwa-monitor/tls" in volume]
+        name: [volume for volume in service["volumes"] if "certificates" in volume or tls in volume]
         for name, service in services.items()
     }
-    assert mounted == {
-        "router": ["./certificates/router:/etc/rwa-monitor/tls:ro"],
-        "wheel_1": ["./certificates/simulated.wheel_1:/etc/rwa-monitor/tls:ro"],
-        "wheel_2": ["./certificates/simulated.wheel_2:/etc/rwa-monitor/tls:ro"],
-        "monitor_1": ["./certificates/monitor_1:/etc/rwa-monitor/tls:ro"],
-        "monitor_2": ["./certificates/monitor_2:/etc/rwa-monitor/tls:ro"],
-        "dashboard": ["./certificates/dashboard:/etc/rwa-monitor/tls:ro"],
-        "database": [],
-    }
-    for words in (service["command"] for name, service in on_bus.items() if name != "router"):
+    own = {name: name.replace("wheel", "simulated.wheel") for name in services if name != "database"}
+    assert mounted == {name: [f"./certificates/{folder}:{tls}:ro"] for name, folder in own.items()} | {"database": []}
+    assert own.keys() == {"router", "wheel_1", "wheel_2", "monitor_1", "monitor_2", "dashboard"}
+    for words in (services[name]["command"] for name in own if name != "router"):
         assert words[words.index("--config") + 1] == "/etc/rwa-monitor/client.json5"
         assert not {"-e", "--connect", "-l", "--listen", "-m", "--mode"} & set(words)
 
@@ -293,7 +279,5 @@ def test_private_keys_are_for_their_owner_only_and_nothing_is_overwritten(issued
 
 @pytest.mark.parametrize("name", ["../out", "a/b", "authority", ".", "-x", "a\nb", "CN=x"])
 def test_a_name_that_is_none_is_refused_and_nothing_is_made(name: str, tmp_path: Path) -> None:
-    command = [str(DOCKER / "make_certificates.sh"), str(tmp_path / "new"), name]
-    done = subprocess.run(command, capture_output=True, text=True, check=False)
-    assert done.returncode == 2
+    assert make_certificates(tmp_path / "new", name).returncode == 2
     assert list(tmp_path.iterdir()) == []

@@ -32,6 +32,13 @@ TYPES = {
     "std_msgs/msg/Float64": FLOAT64,
 }
 
+# Topics of one number: topic, channel, and the factor to the unit in which the bag has it.
+FLOATS = (
+    ("/wheel_1/friction", "friction_torque_Nm", 1.0),
+    ("/wheel_1/current", "motor_current_A", 1e3),
+    ("/wheel_1/voltage", "motor_voltage_V", 1.0),
+)
+
 MAP = """
 [[wheel]]
 spacecraft = "sat"
@@ -85,19 +92,11 @@ def write_bag(
                 "velocity": [-1.0, float(samples.speed_rad_s[at])],
                 "effort": [] if torque is None else [0.0, float(torque[at])],
             }
-            for topic, channel, factor in (
-                ("/wheel_1/friction", samples.friction_torque_Nm, 1.0),
-                ("/wheel_1/current", samples.motor_current_A, 1e3),
-                ("/wheel_1/voltage", samples.motor_voltage_V, 1.0),
-            ):
-                if channel is not None:
+            for topic, name, factor in FLOATS:
+                if (channel := getattr(samples, name)) is not None:
                     put(topic, "std_msgs/msg/Float64", {"data": float(channel[at]) * factor}, time_ns)
-            if samples.bearing_temperature_degC is not None:
-                temperature = {
-                    "header": header,
-                    "temperature": float(samples.bearing_temperature_degC[at]),
-                    "variance": 0.0,
-                }
+            if (heat := samples.bearing_temperature_degC) is not None:
+                temperature = {"header": header, "temperature": float(heat[at]), "variance": 0.0}
                 put("/wheel_1/temperature", "sensor_msgs/msg/Temperature", temperature, time_ns)
             put("/joint_states", "sensor_msgs/msg/JointState", state, time_ns + 1_000_000)
     return path
@@ -116,14 +115,10 @@ def states(
     times: list[float], speeds: FloatArray | list[float], names: tuple[str, ...] = ("wheel_1",)
 ) -> list[tuple[int, dict[str, Any]]]:
     """Return states of joints that all have one speed."""
-    return [
-        (
-            round(time_s * NANOSECONDS_PER_SECOND),
-            {
-                "header": {"stamp": {"sec": int(time_s), "nanosec": round(time_s % 1 * NANOSECONDS_PER_SECOND)}},
-                "name": list(names),
-                "velocity": [float(speed)] * len(names),
-            },
-        )
-        for time_s, speed in zip(times, np.asarray(speeds).tolist(), strict=True)
-    ]
+    found = []
+    for time_s, speed in zip(times, np.asarray(speeds).tolist(), strict=True):
+        time_ns = round(time_s * NANOSECONDS_PER_SECOND)
+        stamp = {"sec": time_ns // NANOSECONDS_PER_SECOND, "nanosec": time_ns % NANOSECONDS_PER_SECOND}
+        velocity = [float(speed)] * len(names)
+        found.append((time_ns, {"header": {"stamp": stamp}, "name": list(names), "velocity": velocity}))
+    return found

@@ -6,30 +6,25 @@ torque 1e-9 N m, current 1e-7 A, temperature 0.005 °C, voltage seven digits.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Final
+from typing import Final, NamedTuple
 
 import numpy as np
 import tomli_w
 from spacepackets.ccsds.spacepacket import SpacePacketHeader
 
 from rwa_monitor.messages import split_key
-from rwa_monitor.samples import NANOSECONDS_PER_SECOND, FloatArray, Samples
+from rwa_monitor.samples import NANOSECONDS_PER_SECOND, Samples
 from rwa_monitor.telemetry.ccsds_packets import SEQUENCE_MODULUS
-from rwa_monitor.telemetry.files import companion_file
-from rwa_monitor.telemetry.reader import Decoding, TextFile
+from rwa_monitor.telemetry.reader import Decoding, TextFile, read_decoding
 
 XTCE_FILE: Final = Path(__file__).parents[2] / "docs" / "examples" / "wheel_packet.xtce.xml"
-XTCE_SUFFIX: Final = ".xtce.xml"
-MAP_SUFFIX: Final = ".map.toml"
 
 FIRST_APID: Final = 416  # of the first wheel, in the definition; the next has the next
 CUC_FRACTION: Final = 2**24  # units of a second
 
 
-@dataclass(frozen=True, slots=True)
-class _Field:
+class _Field(NamedTuple):
     """A channel in the packet: raw = (value − offset) / resolution, rounded where its kind is an integer's."""
 
     channel: str
@@ -53,35 +48,25 @@ _CONTENT: Final = np.dtype([*_HEAD, *((entry.channel, entry.kind) for entry in F
 
 def example_decoding(channels_by_key: Mapping[str, Sequence[str]]) -> Decoding:
     """Return the definition, and a map of wheels with these keys on the bus and channels, their APIDs counting up."""
-    blocks: list[dict[str, Any]] = []
+    blocks = []
     for number, (key, channels) in enumerate(channels_by_key.items()):
         spacecraft, wheel, _ = split_key(key)
-        fields = [entry for entry in FIELDS if entry.channel in channels]
-        blocks.append(
-            {
-                "spacecraft": spacecraft,
-                "wheel": wheel,
-                "apid": FIRST_APID + number,
-                "time": ["TIME_COARSE", "TIME_FINE"],
-                "channels": {
-                    entry.channel: {"parameter": entry.parameter, "valid": f"{entry.parameter}_VALID"}
-                    for entry in fields
-                },
-            }
-        )
+        names = {entry.channel: entry.parameter for entry in FIELDS if entry.channel in channels}
+        of_wheel = {name: {"parameter": one, "valid": f"{one}_VALID"} for name, one in names.items()}
+        head = {"spacecraft": spacecraft, "wheel": wheel, "apid": FIRST_APID + number}
+        blocks.append({**head, "time": ["TIME_COARSE", "TIME_FINE"], "channels": of_wheel})
     text = tomli_w.dumps({"wheel": blocks})
     return Decoding(TextFile("the example's map", text), TextFile(XTCE_FILE.name, XTCE_FILE.read_text("utf-8")))
 
 
-def write_packets(samples: Samples, path: Path) -> None:
-    """Write samples as packets, the definition and the map beside them (FILE.xtce.xml, FILE.map.toml)."""
-    names = [name for name, _ in samples.channels()]
-    decoding = example_decoding({"rwa/simulated/wheel_1/samples": names})
-    assert decoding.map is not None
-    assert decoding.xtce is not None
+def write_packets(samples: Samples, path: Path) -> Decoding:
+    """Write samples as packets, the definition and the map beside them (FILE.xtce.xml, FILE.map.toml); read these."""
+    decoding = example_decoding({"rwa/simulated/wheel_1/samples": [name for name, _ in samples.channels()]})
     path.write_bytes(b"".join(packets_of(samples, FIRST_APID)))
-    companion_file(path, MAP_SUFFIX).write_text(decoding.map.text)
-    companion_file(path, XTCE_SUFFIX).write_text(decoding.xtce.text)
+    beside = [Path(f"{path}.map.toml"), Path(f"{path}.xtce.xml")]
+    for file, text in zip(beside, (decoding.map, decoding.xtce), strict=True):
+        file.write_text(text.text)
+    return read_decoding(*beside)
 
 
 def packets_of(samples: Samples, apid: int, first_count: int = 0) -> Iterator[bytes]:
@@ -96,16 +81,10 @@ def packets_of(samples: Samples, apid: int, first_count: int = 0) -> Iterator[by
         if values is not None:
             known = np.isfinite(values)
             content["flags"] |= np.where(known, 0x80 >> bit, 0).astype(np.uint8)
-            content[entry.channel][known] = _raw(entry, values)[known]
+            raw = values if entry.kind == ">f4" else np.rint((values - entry.offset) / entry.resolution)
+            content[entry.channel][known] = raw[known]
     for number, packed in enumerate(content):
         header = SpacePacketHeader.tm(
             apid, (first_count + number) % SEQUENCE_MODULUS, _CONTENT.itemsize - 1, sec_header_flag=True
         )
         yield bytes(header.pack()) + packed.tobytes()
-
-
-def _raw(entry: _Field, values: FloatArray) -> FloatArray:
-    """Return the raw values of a channel as in the packets, NaN where a value is not known."""
-    if entry.kind == ">f4":
-        return values
-    return np.asarray(np.rint((values - entry.offset) / entry.resolution))

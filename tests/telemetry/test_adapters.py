@@ -20,7 +20,7 @@ from rwa_monitor.monitor.recorder import RecordingWriter
 from rwa_monitor.monitor.telemetry_files import READERS, read_telemetry
 from rwa_monitor.samples import Samples
 from rwa_monitor.telemetry.ccsds_packets import definition_of
-from rwa_monitor.telemetry.reader import Decoding, joined, only_wheel, read_decoding
+from rwa_monitor.telemetry.reader import Decoding, joined, only_wheel
 from rwa_monitor.telemetry.table import FileFormat, file_format, write_csv, write_parquet
 from tests.monitor.support import KEY, telemetry, wheel
 from tests.telemetry import bags
@@ -29,43 +29,32 @@ from tests.telemetry.packet_writer import write_packets
 ROWS = 2_300  # two windows of the test wheel, and a part of one
 
 
-def written_csv(samples: Samples, folder: Path) -> tuple[Path, Decoding]:
-    write_csv(samples, folder / "t.csv")
-    return folder / "t.csv", Decoding()
-
-
-def written_parquet(samples: Samples, folder: Path) -> tuple[Path, Decoding]:
-    write_parquet(dict(samples.channels()), folder / "t.parquet")
-    return folder / "t.parquet", Decoding()
-
-
-def written_mcap(samples: Samples, folder: Path) -> tuple[Path, Decoding]:
-    writer = RecordingWriter(folder / "t.mcap", (), lambda: 0)
+def write_recording(samples: Samples, path: Path) -> None:
+    writer = RecordingWriter(path, (), lambda: 0)
     for number, start in enumerate(range(0, len(samples), 256)):
         payload = samples_json(samples[start : start + 256], "p", number)
         writer.write(EncodedMessage(KEY, SamplesMessage.schema_name(), payload, 0))
     writer.close()
-    return folder / "t.mcap", Decoding()
 
 
-def written_packets(samples: Samples, folder: Path) -> tuple[Path, Decoding]:
-    path = folder / "t.ccsds"
-    write_packets(samples, path)
-    return path, read_decoding(Path(f"{path}.map.toml"), Path(f"{path}.xtce.xml"))
+def write_bag(samples: Samples, path: Path) -> Decoding:
+    bags.write_bag(samples, path)
+    return bags.decoding(bags.map_of(samples))
 
 
-def written_bag(samples: Samples, folder: Path) -> tuple[Path, Decoding]:
-    return bags.write_bag(samples, folder / "bag.mcap"), bags.decoding(bags.map_of(samples))
-
-
-# How to write each format, and what is lost of a value by it, relative and absolute.
-FORMATS: dict[FileFormat, tuple[Callable[[Samples, Path], tuple[Path, Decoding]], float, float]] = {
-    "csv": (written_csv, 0, 0),
-    "parquet": (written_parquet, 0, 0),
-    "mcap": (written_mcap, 0, 0),
-    "packets": (written_packets, 2**-23, 0.0026),
-    "ros2": (written_bag, 1e-15, 0),  # mA and back
+# A file, how to write it, and what is lost of a value by it, relative and absolute.
+FORMATS: dict[FileFormat, tuple[str, Callable[[Samples, Path], Decoding | None], float, float]] = {
+    "csv": ("t.csv", write_csv, 0, 0),
+    "parquet": ("t.parquet", lambda samples, path: write_parquet(dict(samples.channels()), path), 0, 0),
+    "mcap": ("t.mcap", write_recording, 0, 0),
+    "packets": ("t.ccsds", write_packets, 2**-23, 0.0026),
+    "ros2": ("t.mcap", write_bag, 1e-15, 0),  # mA and back
 }
+
+
+def written(name: FileFormat, samples: Samples, folder: Path) -> tuple[Path, Decoding]:
+    file, write, _, _ = FORMATS[name]
+    return folder / file, write(samples, folder / file) or Decoding()
 
 
 def test_every_format_keeps_the_contract() -> None:
@@ -75,8 +64,8 @@ def test_every_format_keeps_the_contract() -> None:
 @pytest.mark.parametrize("name", FORMATS)
 def test_what_was_written_comes_back(name: FileFormat, tmp_path: Path) -> None:
     samples = telemetry(ROWS)
-    write, relative, absolute = FORMATS[name]
-    path, decoding = write(samples, tmp_path)
+    _, _, relative, absolute = FORMATS[name]
+    path, decoding = written(name, samples, tmp_path)
     assert file_format(path) == name
     content = read_telemetry(path, decoding)
     assert (list(content.problems), list(content.notes)) == ([], [])
@@ -96,8 +85,7 @@ def test_what_was_written_comes_back(name: FileFormat, tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("name", FORMATS)
 def test_every_work_on_recordings_takes_it(name: FileFormat, tmp_path: Path) -> None:
-    samples = telemetry(ROWS)
-    path, decoding = FORMATS[name][0](samples, tmp_path)
+    path, decoding = written(name, telemetry(ROWS), tmp_path)
     found = Diagnose(wheel(), decoding)(path)
     assert [diagnosis.partial for diagnosis in found.diagnoses] == [False, False, True]
     assert {diagnosis.source for diagnosis in found.diagnoses} == {str(path)}
@@ -109,7 +97,7 @@ def test_every_work_on_recordings_takes_it(name: FileFormat, tmp_path: Path) -> 
 
 
 def test_without_its_extra_a_format_reports_what_to_install(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    path, decoding = written_packets(telemetry(ROWS)[:20], tmp_path)
+    path, decoding = written("packets", telemetry(20), tmp_path)
     definition_of.cache_clear()
     monkeypatch.setitem(sys.modules, "space_packet_parser", None)  # as if it were not installed
     with pytest.raises(RwaMonitorError, match=r"missing: pip install 'rwa-monitor\[ccsds\]'"):
@@ -117,7 +105,7 @@ def test_without_its_extra_a_format_reports_what_to_install(tmp_path: Path, monk
 
 
 def test_a_file_without_a_known_suffix_is_of_packets_where_packets_are_described(tmp_path: Path) -> None:
-    path, decoding = written_packets(telemetry(ROWS)[:20], tmp_path)
+    path, decoding = written("packets", telemetry(20), tmp_path)
     renamed = path.rename(tmp_path / "day.tlm")
     assert len(joined(only_wheel(read_telemetry(renamed, decoding), "test"))) == 20
     with pytest.raises(InputError, match="UTF-8"):

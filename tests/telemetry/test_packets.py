@@ -1,6 +1,7 @@
 """Space packets: what a definition and a map make of them, to what they resolve, and everything that is wrong."""
 
 import math
+import re
 from collections.abc import Iterable
 from datetime import UTC, datetime
 from pathlib import Path
@@ -12,7 +13,8 @@ from spacepackets.ccsds.spacepacket import PacketType, SequenceFlags, SpacePacke
 from rwa_monitor.errors import InputError
 from rwa_monitor.samples import CHANNELS, Samples
 from rwa_monitor.telemetry.ccsds_packets import PacketDecoder, read_packets
-from rwa_monitor.telemetry.reader import Decoding, TextFile, joined, only_wheel, read_decoding
+from rwa_monitor.telemetry.reader import Decoding, TextFile, joined, only_wheel
+from tests.program import refused
 from tests.telemetry import packets as made
 from tests.telemetry.packet_writer import FIELDS, FIRST_APID, XTCE_FILE, example_decoding, packets_of, write_packets
 
@@ -21,12 +23,16 @@ def decoder(decoding: Decoding | None = None) -> PacketDecoder:
     return PacketDecoder(decoding or made.decoding(), "test")
 
 
-def times_of(packets: Iterable[bytes]) -> list[int]:
-    """Return the times of the example's packets [ns]."""
+def fed(packets: Iterable[bytes]) -> PacketDecoder:
     under_test = decoder()
     for packet in packets:
         under_test.take(packet)
-    return under_test.wheels[0].samples().time_ns.tolist()
+    return under_test
+
+
+def times_of(packets: Iterable[bytes]) -> list[int]:
+    """Return the times of the example's packets [ns]."""
+    return fed(packets).wheels[0].samples().time_ns.tolist()
 
 
 # ---- what is read ----------------------------------------------------------------------------------------------------
@@ -35,12 +41,11 @@ def times_of(packets: Iterable[bytes]) -> list[int]:
 def test_samples_come_back_within_what_a_packet_resolves(tmp_path: Path) -> None:
     written = made.samples(300)
     path = tmp_path / "day.ccsds"
-    write_packets(written, path)
-    found = read_packets(path, read_decoding(Path(f"{path}.map.toml"), Path(f"{path}.xtce.xml")))
-    assert not found.problems
-    assert not found.notes
-    read = joined(only_wheel(found, "test"))
-    assert (only_wheel(found, "test").spacecraft, only_wheel(found, "test").wheel) == ("simulated", "wheel_1")
+    found = read_packets(path, write_packets(written, path))
+    assert (list(found.problems), list(found.notes)) == ([], [])
+    entry = only_wheel(found, "test")
+    assert (entry.spacecraft, entry.wheel) == ("simulated", "wheel_1")
+    read = joined(entry)
     assert np.abs(read.time_ns - written.time_ns).max() <= 30  # half of 2⁻²⁴ s is 29.8 ns
     for entry in FIELDS:
         one, two = getattr(written, entry.channel), getattr(read, entry.channel)
@@ -126,10 +131,8 @@ def test_every_packet_is_counted_as_what_it_is() -> None:
 
 
 def test_a_sequence_count_that_wraps_is_no_gap() -> None:
-    under_test = decoder()
-    for packet in packets_of(made.samples(4), FIRST_APID, first_count=2**14 - 2):
-        under_test.take(packet)
-    assert (under_test.counts.gaps, under_test.counts.missing) == (0, 0)
+    counts = fed(packets_of(made.samples(4), FIRST_APID, first_count=2**14 - 2)).counts
+    assert (counts.gaps, counts.missing) == (0, 0)
 
 
 def test_a_packet_of_another_kind_is_left_to_others() -> None:
@@ -149,7 +152,7 @@ def test_a_cut_file_gives_what_is_whole_and_the_rest_is_reported(tmp_path: Path,
     whole = len(data) // len(made.packets(1)[0])
     assert len(joined(only_wheel(found, "test"))) == whole
     stop = whole * len(made.packets(1)[0])
-    assert list(found.problems) == [f"{path}: bytes {stop} to {len(data)} of {len(data)} are no whole packet"]
+    assert list(found.problems) == [f"bytes {stop} to {len(data)} of {len(data)} are no whole packet"]
 
 
 def test_what_is_bad_in_a_file_is_a_problem_and_what_is_unknown_a_note(tmp_path: Path) -> None:
@@ -212,10 +215,8 @@ BAD_MAPS = {
 
 @pytest.mark.parametrize(("text", "reason"), BAD_MAPS.values(), ids=BAD_MAPS)
 def test_a_bad_map_is_refused_with_its_place(text: str, reason: str) -> None:
-    with pytest.raises(InputError) as caught:
+    with pytest.raises(InputError, match=rf"m\.toml: .*{re.escape(reason)}"):
         decoder(made.with_map(text))
-    assert str(caught.value).startswith("m.toml: ")
-    assert reason in str(caught.value)
 
 
 def test_the_map_may_state_another_unit_than_the_definition() -> None:
@@ -245,10 +246,7 @@ BAD_XTCE = {
 
 @pytest.mark.parametrize(("old", "new"), BAD_XTCE.values(), ids=BAD_XTCE)
 def test_a_bad_definition_is_refused_in_one_line(old: str, new: str) -> None:
-    with pytest.raises(InputError) as caught:
-        decoder(made.with_xtce(old, new))
-    assert str(caught.value).startswith("x.xml: ")
-    assert str(caught.value).isprintable()
+    assert refused(lambda: decoder(made.with_xtce(old, new))).startswith("x.xml: ")
 
 
 def test_containers_that_hold_each_other_twice_are_refused_before_a_packet_is_read() -> None:
@@ -266,9 +264,7 @@ def test_containers_that_hold_each_other_twice_are_refused_before_a_packet_is_re
 
 def test_without_a_map_or_a_definition_what_is_missing_is_reported() -> None:
     for decoding in (Decoding(), Decoding(made.decoding().map), Decoding(None, made.decoding().xtce)):
-        with pytest.raises(
-            InputError, match="--xtce gives their definition, and --map which parameter is which channel"
-        ):
+        with pytest.raises(InputError, match="--xtce gives their definition, and --map which parameter is which"):
             decoder(decoding)
 
 

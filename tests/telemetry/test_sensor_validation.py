@@ -52,6 +52,15 @@ def message(window: WindowDiagnosed) -> bytes:
     return diagnoses(messages_of([window]))[0]
 
 
+def masked_as_if_absent(samples: Samples, channel: str, rows: list[int], values: FloatArray) -> list[Trouble]:
+    """Check that values are masked, and the diagnosis as without them; return their faults."""
+    window, core, events = diagnosed(changed(samples, channel, rows, values))
+    without, _, _ = diagnosed(changed(samples, channel, rows, np.nan))
+    assert core.counts.masked == len(rows)
+    assert message(window) == message(without)
+    return sensor_faults(events)
+
+
 def sensor_faults(events: list[Event]) -> list[Trouble]:
     return [event for event in events if isinstance(event, Trouble) and event.text.endswith(": masked")]
 
@@ -68,8 +77,7 @@ def test_healthy_sensors_are_believed(kind: str) -> None:
 @pytest.mark.parametrize("broken", ["speed", "torque"])
 @pytest.mark.parametrize("slots", [100, 20_000])
 def test_a_sensor_that_hangs_is_masked_from_its_first_repetition_on(kind: str, broken: str, slots: int) -> None:
-    samples = telemetry(kind)
-    channel = "speed_rad_s" if broken == "speed" else SOURCE[kind]
+    samples, channel = telemetry(kind), "speed_rad_s" if broken == "speed" else SOURCE[kind]
     value = getattr(samples, channel)[FROM]
     window, core, events = diagnosed(changed(samples, channel, slice(FROM, FROM + slots), value))
     whole, _, _ = diagnosed(samples)
@@ -100,14 +108,9 @@ def test_samples_that_stand_out_are_masked_and_the_diagnosis_is_as_without_them(
     rows = [*(100 * rng.choice(np.arange(3, 799), 12, replace=False)).tolist(), 50_050, 50_051, SLOTS - 1]
     torque = sign * 5.0 * friction_limit(built_in_wheel())
     size = torque if kind == "given" else torque / 0.032  # the built-in wheel's torque constant [N m/A]
-    spiky = changed(samples, channel, rows, getattr(samples, channel)[rows] + size)
-    absent = changed(samples, channel, rows, np.nan)
-    window, core, events = diagnosed(spiky)
-    without, _, _ = diagnosed(absent)
-    assert core.counts.masked == len(rows)
-    assert message(window) == message(without)
-    assert not any("hangs" in fault.kind for fault in sensor_faults(events))
-    assert len(sensor_faults(events)) == len(rows) - 1  # two of them are neighbours
+    events = masked_as_if_absent(samples, channel, rows, getattr(samples, channel)[rows] + size)
+    assert not any("hangs" in fault.kind for fault in events)
+    assert len(events) == len(rows) - 1  # two of them are neighbours
 
 
 @pytest.mark.parametrize("kind", GIVEN)
@@ -115,11 +118,8 @@ def test_a_speed_that_no_motor_can_make_is_masked(kind: str) -> None:
     samples = telemetry(kind)
     rows = [700, 2_900, 2_901, 7_003]
     speed = samples.speed_rad_s[rows] + 8.0 * speed_limit(built_in_wheel())
-    window, core, events = diagnosed(changed(samples, "speed_rad_s", rows, speed))
-    without, _, _ = diagnosed(changed(samples, "speed_rad_s", rows, np.nan))
-    assert core.counts.masked == len(rows)
-    assert message(window) == message(without)
-    assert {fault.kind.split()[0] for fault in sensor_faults(events)} == {"speed_rad_s"}
+    events = masked_as_if_absent(samples, "speed_rad_s", rows, speed)
+    assert {fault.kind.split()[0] for fault in events} == {"speed_rad_s"}
 
 
 def test_a_saturated_current_is_masked() -> None:
@@ -175,10 +175,8 @@ def judged(values: FloatArray, limit: float = np.inf) -> FloatArray:
 
 def test_a_noiseless_record_that_stands_still_does_not_hang() -> None:
     slot = np.arange(4_000)
-    moving = np.minimum(np.abs(np.sin(slot / 300.0)), 0.7)
-    assert not judged(moving).any()
-    ramp = np.minimum(slot * 0.1, 150.0)
-    assert not judged(ramp).any()
+    for moving in (np.minimum(np.abs(np.sin(slot / 300.0)), 0.7), np.minimum(slot * 0.1, 150.0)):
+        assert not judged(moving).any()
 
 
 @pytest.mark.parametrize("step", [0.5, 1.0, 2.0, 4.0, 10.0])

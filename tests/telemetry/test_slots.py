@@ -16,41 +16,29 @@ CAPACITY = 13
 @given(
     steps=st.lists(st.lists(st.booleans(), min_size=1, max_size=CAPACITY), max_size=12),
     begin=st.integers(0, 30),
+    values_capacity=st.integers(1, CAPACITY),
 )
-def test_it_holds_the_last_slots(steps: list[list[bool]], begin: int) -> None:
-    ring = RingBuffer(CAPACITY, (), CAPACITY)
+def test_it_holds_the_last_slots_and_fewer_values(steps: list[list[bool]], begin: int, values_capacity: int) -> None:
+    ring, again = RingBuffer(CAPACITY, (), values_capacity), RingBuffer(CAPACITY, (), values_capacity)
     ring.clear(begin)
     reference: dict[int, float] = {}
-    value = 0.0
-    for filled in steps:
+    for filled in (step[:values_capacity] for step in steps):
         slots = ring.end + np.flatnonzero(filled)
-        values = value + np.arange(slots.size, dtype=np.float64)
-        value += slots.size
+        values = len(reference) + np.arange(slots.size, dtype=np.float64)
         reference.update(zip(slots.tolist(), values.tolist(), strict=True))
         ring.extend(ring.end + len(filled), slots, {"speed_rad_s": values, "torque_Nm": -values})
     low, high = ring.begin - 5, ring.end + 5
-    asked = np.arange(low, high)
-    held = (asked >= ring.begin) & (asked < ring.end)
+    asked, held = np.arange(low, high), np.arange(ring.begin, ring.end)
     assert ring.begin == max(begin, ring.end - CAPACITY)
-    expected = np.array([reference.get(slot, np.nan) if ok else np.nan for slot, ok in zip(asked, held, strict=True)])
-    np.testing.assert_array_equal(ring.read("speed_rad_s", low, high), expected)
-    np.testing.assert_array_equal(ring.read("torque_Nm", low, high), -expected)
-    np.testing.assert_array_equal(ring.is_filled(asked), ~np.isnan(expected))
-
-
-def test_values_are_kept_for_fewer_slots_than_the_fact_that_they_came() -> None:
-    ring = RingBuffer(CAPACITY, (), 4)
-    for start in range(0, 18, 3):
-        slots = np.arange(start, start + 3)
-        ring.extend(start + 3, slots[1:], dict.fromkeys(ring.channels, slots[1:] + 0.5))
-    asked = np.arange(18)
-    np.testing.assert_array_equal(ring.is_filled(asked), (asked >= 18 - CAPACITY) & (asked % 3 > 0))
-    values = ring.read("torque_Nm", 0, 18)
-    np.testing.assert_array_equal(values, np.where((asked >= 14) & (asked % 3 > 0), asked + 0.5, np.nan))
-    again = RingBuffer(CAPACITY, (), 4)
-    again.restore(ring.begin, ring.is_filled(np.arange(ring.begin, 18)), dict.fromkeys(ring.channels, values[8:]))
-    np.testing.assert_array_equal(again.read("torque_Nm", 0, 18), values)
-    np.testing.assert_array_equal(again.is_filled(asked), ring.is_filled(asked))
+    assert ring.values_begin == max(begin, ring.end - values_capacity)
+    there = [slot in reference and slot >= ring.begin for slot in asked.tolist()]
+    expected = [reference.get(slot, np.nan) if slot >= ring.values_begin else np.nan for slot in asked.tolist()]
+    kept = {name: ring.read(name, ring.values_begin, ring.end) for name in ring.channels}
+    again.restore(ring.begin, ring.is_filled(held), kept)
+    for one in (ring, again):
+        np.testing.assert_array_equal(one.read("speed_rad_s", low, high), expected)
+        np.testing.assert_array_equal(one.read("torque_Nm", low, high), np.negative(expected))
+        np.testing.assert_array_equal(one.is_filled(asked), there)
 
 
 # ---- the bearing's temperature between its readings ------------------------------------------------------------------
@@ -66,8 +54,7 @@ def held(measured: FloatArray, cuts: list[int] | None = None) -> tuple[FloatArra
     for start, stop in pairwise([0, *sorted(cuts or []), measured.size]):
         temperature, error, memory = held_temperature(measured[start:stop], PERIOD_S, 20.0, memory)
         found.append((temperature, error))
-    temperature, error = (np.concatenate(parts) for parts in zip(*found, strict=True))
-    return temperature, error
+    return tuple(map(np.concatenate, zip(*found, strict=True)))
 
 
 def swinging(digits_K: float = 0.0) -> FloatArray:

@@ -35,20 +35,19 @@ def csv_file(folder: Path, content: str | bytes) -> Path:
 # ---- what is read ----------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(
-    "content",
-    [
-        GOOD.replace("\n", "\r\n"),
-        GOOD.replace("\n", "\r"),
-        GOOD.rstrip("\n"),
-        GOOD + "\n\n",
-        "\ufeff" + GOOD,
-        GOOD.replace("time_s,", " time_s , ").replace("0.125,", " 0.125 ,\t"),
-        GOOD.replace("0.125,101", '"0.125","101"'),
-        GOOD.replace("0.125", "1.25e-1").replace("101", "+1.01E2"),
-    ],
-    ids=["crlf", "cr", "no last newline", "closing blank lines", "byte order mark", "spaces", "quotes", "exponents"],
-)
+LAYOUTS = {
+    "crlf": GOOD.replace("\n", "\r\n"),
+    "cr": GOOD.replace("\n", "\r"),
+    "no last newline": GOOD.rstrip("\n"),
+    "closing blank lines": GOOD + "\n\n",
+    "byte order mark": "\ufeff" + GOOD,
+    "spaces": GOOD.replace("time_s,", " time_s , ").replace("0.125,", " 0.125 ,\t"),
+    "quotes": GOOD.replace("0.125,101", '"0.125","101"'),
+    "exponents": GOOD.replace("0.125", "1.25e-1").replace("101", "+1.01E2"),
+}
+
+
+@pytest.mark.parametrize("content", LAYOUTS.values(), ids=LAYOUTS)
 def test_layout_of_the_text_does_not_matter(tmp_path: Path, content: str) -> None:
     table = read_table(csv_file(tmp_path, content))
     assert table.samples.time_ns.tolist() == [0, 125_000_000]
@@ -58,22 +57,20 @@ def test_layout_of_the_text_does_not_matter(tmp_path: Path, content: str) -> Non
 def test_unknown_columns_are_left_out_and_named(tmp_path: Path) -> None:
     content = "mode,time_s,note,speed_rad_s,friction_torque_Nm\nA,0,\u00e4,1,2\nB,1,,3,4\n"
     table = read_table(csv_file(tmp_path, content))
-    assert table.ignored_columns == ("mode", "note")
+    assert table.notes == ["columns ignored: mode, note"]
     assert table.samples.speed_rad_s.tolist() == [1.0, 3.0]
 
 
 def test_of_two_time_columns_the_exact_one_counts(tmp_path: Path) -> None:
     table = read_table(csv_file(tmp_path, "time_s,time_ns,speed_rad_s\n5,1,1\n6,2,1\n"))
     assert table.samples.time_ns.tolist() == [1, 2]
-    assert table.ignored_columns == ("time_s",)
+    assert table.notes == ["columns ignored: time_s"]
 
 
 def test_missing_and_non_finite_values_stay_as_they_are(tmp_path: Path) -> None:
-    table = read_table(
-        csv_file(tmp_path, "time_s,speed_rad_s,friction_torque_Nm\n0,,nan\n1,inf,-Infinity\n2,1e999,5\n")
-    )
-    np.testing.assert_array_equal(table.samples.speed_rad_s, [np.nan, np.inf, np.inf])
-    np.testing.assert_array_equal(table.samples.friction_torque_Nm, [np.nan, -np.inf, 5])
+    samples = read_table(csv_file(tmp_path, f"{HEAD}0,,nan\n1,inf,-Infinity\n2,1e999,5\n")).samples
+    np.testing.assert_array_equal(samples.speed_rad_s, [np.nan, np.inf, np.inf])
+    np.testing.assert_array_equal(samples.friction_torque_Nm, [np.nan, -np.inf, 5])
 
 
 def test_parquet_takes_any_numbers_and_null(tmp_path: Path) -> None:
@@ -88,7 +85,7 @@ def test_parquet_takes_any_numbers_and_null(tmp_path: Path) -> None:
     }
     pq.write_table(pa.table(columns), path)
     table = read_table(path)
-    assert table.ignored_columns == ("mode",)
+    assert table.notes == ["columns ignored: mode"]
     assert table.samples.time_ns.tolist() == [0, 100_000_000, 1_700_000_000_125_000_000]
     np.testing.assert_array_equal(table.samples.speed_rad_s, [1, np.nan, 3])
     np.testing.assert_array_equal(table.samples.friction_torque_Nm, [0.5, np.nan, np.inf])
@@ -96,18 +93,14 @@ def test_parquet_takes_any_numbers_and_null(tmp_path: Path) -> None:
     np.testing.assert_array_equal(table.samples.bearing_temperature_degC, [np.nan] * 3)
 
 
-@given(
-    st.decimals(-7_000_000_000, 5_000_000_000, places=9),
-    st.sets(
-        st.one_of(
-            st.decimals(0, 2_000_000_000, places=9),
-            st.decimals(0, 1000, places=25),
-            st.decimals(0, 10).map(lambda value: value.normalize()),
-        ),
-        min_size=1,
-        max_size=8,
-    ),
+OFFSETS = (
+    st.decimals(0, 2_000_000_000, places=9)
+    | st.decimals(0, 1000, places=25)
+    | st.decimals(0, 10).map(lambda value: value.normalize())
 )
+
+
+@given(st.decimals(-7_000_000_000, 5_000_000_000, places=9), st.sets(OFFSETS, min_size=1, max_size=8))
 @in_one_folder
 def test_time_is_the_nearest_nanosecond_of_the_decimal_number(
     tmp_path: Path, start: Decimal, offsets: set[Decimal]
@@ -149,12 +142,11 @@ def test_a_written_table_comes_back_bit_for_bit(tmp_path: Path, suffix: str, sam
 def test_an_angle_is_the_same_in_degrees(tmp_path: Path, angle: FloatArray) -> None:
     rows = "".join(f"{at},1,{value!r}\n" for at, value in enumerate(np.degrees(angle).tolist()))
     in_degrees = read_table(csv_file(tmp_path, f"time_s,speed_rad_s,angle_deg\n{rows}"))
-    assert in_degrees.ignored_columns == ()
+    assert in_degrees.notes == []
     np.testing.assert_allclose(in_degrees.samples.angle_rad, angle, rtol=1e-15)
     path = tmp_path / "table.parquet"
-    write_parquet(
-        {"time_ns": in_degrees.samples.time_ns, "speed_rad_s": np.ones(5), "angle_deg": np.degrees(angle)}, path
-    )
+    columns = {"time_ns": np.arange(5) * 10**9, "speed_rad_s": np.ones(5), "angle_deg": np.degrees(angle)}
+    write_parquet(columns, path)
     np.testing.assert_array_equal(read_table(path).samples.angle_rad, in_degrees.samples.angle_rad)
 
 
@@ -193,13 +185,9 @@ REFUSED = {
     "two angles": (
         "time_s,speed_rad_s,angle_rad,angle_deg\n0,1,0,0\n",
         "column angle_deg",
-        "is there beside angle_rad: leave one of them out",
+        "is there beside angle_rad",
     ),
-    "no speed": (
-        "time_s,speed_rpm\n0,1\n",
-        "column speed_rad_s",
-        "the table has 'time_s', 'speed_rpm' (docs/formats.md)",
-    ),
+    "no speed": ("time_s,x\n0,1\n", "column speed_rad_s", "the table has 'time_s', 'x' (docs/formats.md)"),
     "no header": ("0.0,1.5\n0.1,1.5\n", "column time_s or time_ns", "is missing, and so is speed_rad_s"),
     "a date": (HEAD + "2026-01-01T00:00:00Z,1,2\n", "row 2, column time_s", "is not a finite number"),
     "utf-16 without its mark": (GOOD.encode("utf-16-le"), "row 1", "zero bytes"),
@@ -212,11 +200,7 @@ REFUSED = {
     "blank line": (HEAD + "0,1,2\n\n1,3,4\n", "row 3, column time_s", "is empty"),
     "infinite time": (HEAD + "0,1,2\ninf,3,4\n", "row 3, column time_s", "'inf' is not a finite number"),
     "a huge exponent": (HEAD + "1e999999999,1,2\n", "row 2, column time_s", "beyond"),
-    "equal times": (
-        HEAD + "0,1,2\n0.5,1,2\n0.5,1,2\n",
-        "row 4, column time_s",
-        "(0.5 s after 0.5 s); sort the rows by time and leave repeated ones out",
-    ),
+    "equal times": (HEAD + "0,1,2\n0.5,1,2\n0.5,1,2\n", "row 4, column time_s", "(0.5 s after 0.5 s); sort the rows"),
     "rows of one time that contradict": (HEAD + "0,1,2\n0,1,3\n", "row 3, column time_s", "; sort the rows by time"),
     "time goes back": (HEAD + "1,1,2\n-0.25,1,2\n", "row 3, column time_s", "(-0.25 s after 1 s)"),
     "a clock of centuries": (HEAD + "-8e9,1,2\n8e9,1,2\n", "time_s", "73 years"),
@@ -228,6 +212,7 @@ REFUSED = {
 }
 
 
+TWICE = ["speed_rad_s"] * 2
 PARQUET_REFUSED = {
     "text": ({"time_s": [0.0], "speed_rad_s": ["fast"]}, "column speed_rad_s", "holds string, not numbers"),
     "no rows": ({"time_s": pa.array([], pa.float64()), "speed_rad_s": pa.array([], pa.float64())}, "", "no rows"),
@@ -236,11 +221,7 @@ PARQUET_REFUSED = {
     "float ns": ({"time_ns": [0.0], "speed_rad_s": [1.0]}, "column time_ns", "holds double, not integers"),
     "unsigned": ({"time_ns": pa.array([2**63], pa.uint64()), "speed_rad_s": [1.0]}, "column time_ns", "beyond"),
     "equal times": ({"time_ns": [1, 1], "speed_rad_s": [1.0, 1.0]}, "row 2, column time_ns", "does not increase"),
-    "twice": (
-        pa.table([[0], [1.0], [2.0]], names=["time_ns", "speed_rad_s", "speed_rad_s"]),
-        "column speed_rad_s",
-        "is there twice",
-    ),
+    "twice": (pa.table([[0], [1.0], [2.0]], names=["time_ns", *TWICE]), "column speed_rad_s", "is there twice"),
 }
 
 
@@ -293,14 +274,8 @@ def test_the_content_decides_where_the_suffix_shows_nothing(tmp_path: Path) -> N
 def test_writing_that_fails_leaves_the_old_file_and_nothing_else(tmp_path: Path) -> None:
     path = tmp_path / "file"
     path.write_text("old")
-
-    def write_half_and_fail() -> None:
-        with atomic_write(path) as part:
-            part.write_text("half")
-            raise KeyError("half way")
-
-    with pytest.raises(KeyError, match="half way"):
-        write_half_and_fail()
+    with pytest.raises(UnicodeEncodeError), atomic_write(path) as part:
+        part.write_text("half\udc00", encoding="utf-8")
     assert path.read_text() == "old"
     assert list(tmp_path.iterdir()) == [path]
 
@@ -314,17 +289,15 @@ def test_a_folder_that_is_not_there_is_wrong_use(tmp_path: Path) -> None:
 
 def test_labels_come_back_with_paths_beside_them(tmp_path: Path) -> None:
     (tmp_path / "in").mkdir()
-    for name in ("a.csv", "in/b, c.csv"):
-        (tmp_path / name).touch()
-    path = tmp_path / "labels.csv"
+    path, names = tmp_path / "labels.csv", ("file", "dry", "viscous", "fss_1")
     rows = [("a.csv", "0", "0", "1"), ("in/b, c.csv", "1", "0", "0")]
-    write_labels([dict(zip(("file", "dry", "viscous", "fss_1"), row, strict=True)) for row in rows], path)
+    for name, *_ in rows:
+        (tmp_path / name).touch()
+    write_labels([dict(zip(names, row, strict=True)) for row in rows], path)
     assert path.read_text() == 'file,dry,viscous,fss_1\na.csv,0,0,1\n"in/b, c.csv",1,0,0\n'
-    first, second = read_labels(path)
-    assert first.path == tmp_path / "a.csv"
-    assert first.anomalies == {"dry": False, "viscous": False, "fss_1": True}
-    assert second.path == tmp_path / "in" / "b, c.csv"
-    assert second.anomalies == {"dry": True, "viscous": False, "fss_1": False}
+    for found, (name, *flags) in zip(read_labels(path), rows, strict=True):
+        assert found.path == tmp_path / name
+        assert found.anomalies == {anomaly: flag == "1" for anomaly, flag in zip(names[1:], flags, strict=True)}
 
 
 @pytest.mark.parametrize(
