@@ -119,7 +119,7 @@ def record_full_windows(folder: Path, samples: Samples, wheels: int) -> None:
     core = WheelCore(built_in_wheel(), built_in_model())
     for begin in range(0, len(samples), 256):
         core.feed(samples[begin : begin + 256])
-    state = core.checkpoint().to_json()
+    state = core.checkpoint()
     options = RunOptions(setup=Setup(core.wheel, model=core.model))
     folder.mkdir()
     recorder = Recorder(

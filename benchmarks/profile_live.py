@@ -27,6 +27,7 @@ from rwa_monitor.changepoints.evidence import WindowAccumulator
 from rwa_monitor.diagnosis.model import built_in_model
 from rwa_monitor.messages import SamplesMessage, samples_json
 from rwa_monitor.monitor import core
+from rwa_monitor.monitor.backfill import Arrival
 from rwa_monitor.monitor.core import WheelCore
 from rwa_monitor.monitor.ingest import Sequencer, SlotAssignment
 from rwa_monitor.monitor.recorder import Recorder
@@ -99,7 +100,7 @@ def run(messages: list[bytes]) -> None:
     with tempfile.TemporaryDirectory() as folder:
         monitor = monitor_in(Path(folder))
         for payload in messages:
-            monitor.receive(KEY, payload)
+            monitor.receive(Arrival(KEY, payload))
             monitor.tick()
         monitor.close()
 

@@ -24,7 +24,7 @@ import numpy as np
 
 from rwa_monitor.diagnosis.model import built_in_model
 from rwa_monitor.messages import Diagnosis, EncodedMessage, SamplesMessage, Status, samples_json
-from rwa_monitor.monitor.backfill import Backfill, Inbox
+from rwa_monitor.monitor.backfill import Arrival, Backfill, Inbox
 from rwa_monitor.monitor.bus import MonitorBus
 from rwa_monitor.monitor.recorder import Recorder
 from rwa_monitor.monitor.recording import read_recording, recordings_of
@@ -265,7 +265,7 @@ def _run(options: RunOptions, folder: Path, messages: Messages, clock: Clock, *,
     monitor = Monitor(options, SilentBus(), recorder, lambda _: None, clock)
     monitor.begin(past)
     for key, payload in messages:
-        monitor.receive(key, payload)
+        monitor.receive(Arrival(key, payload))
         monitor.tick()
     if killed:
         recorder.sync(clock.monotonic_s())

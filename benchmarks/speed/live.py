@@ -10,7 +10,6 @@ import time
 from collections.abc import Callable
 from contextlib import closing
 from dataclasses import dataclass
-from functools import partial
 from multiprocessing import get_context
 from pathlib import Path
 from threading import Event
@@ -247,7 +246,7 @@ def monitor_pipe(endpoint: str, folder: Path, messages: int) -> PipeRate:
                 bus.inbox.wake.wait(0.1)
             if left == messages:
                 begin, busy = time.perf_counter(), time.thread_time()
-            left -= monitor.receive(message.key, message.payload, partial(bus.backfill.ask_again, message))
+            left -= monitor.receive(message)
             monitor.tick()
         monitor.close()
         seconds, busy_s = time.perf_counter() - begin, time.thread_time() - busy

@@ -140,11 +140,6 @@ class Checkpoint(Hashed):
             )
         )
 
-    def to_json(self) -> bytes:
-        """Write the checkpoint; the same state always gives the same bytes."""
-        # pydantic's writer suits, as every number is finite; json.dumps takes thirteen times as long.
-        return self.model_dump_json().encode()
-
 
 def _run_lengths(flags: BoolArray) -> list[int]:
     """Return the lengths of alternating runs of False and True, beginning with False (perhaps of length 0)."""

@@ -52,7 +52,7 @@ def test_a_damaged_checkpoint_is_refused(place: tuple[str | int, ...], value: ob
     core = WheelCore(wheel(), model())
     core.feed(telemetry(1_500))
     core.feed(telemetry(3_000)[1_500:2_100], data="stored")
-    content = within = json.loads(core.checkpoint().to_json())
+    content = within = json.loads(core.checkpoint())
     for step in place[:-1]:
         within = within[step]
     within[place[-1]] = value
@@ -67,7 +67,7 @@ def test_a_checkpoint_keeps_the_messages_that_wait() -> None:
     for number in (0, 2, 3):
         core.feed(parts[number], "p", number)
     core.feed(parts[1], "other", 0)
-    again = resumed(core.checkpoint().to_json(), wheel())
+    again = resumed(core.checkpoint(), wheel())
     assert again.counts == core.counts
     again.feed(parts[1], "p", 1)
     assert (again.counts.used, again.counts.rejected) == (400, 100)

@@ -12,8 +12,7 @@ import numpy as np
 import pytest
 
 from rwa_monitor.messages import MAX_WHEELS, Diagnosis, EncodedMessage
-from rwa_monitor.monitor import recorder as recorder_module
-from rwa_monitor.monitor.recorder import MAX_FILE_AGE_S, Recorder, RecordingWriter, recover
+from rwa_monitor.monitor.recorder import Recorder, RecordingWriter, recover
 from rwa_monitor.monitor.recording import file_sha256, read_recording, recordings_of
 from tests.monitor.recordings import TOPICS
 
@@ -66,20 +65,6 @@ def test_files_follow_each_other_with_name_and_hash(tmp_path: Path) -> None:
         assert recording.settings()["predecessor"] == {"name": before.name, "sha256": file_sha256(before)}
         assert recording.attachments["checkpoint/sat/a.json"] == b'{"n":1}'
     assert sum(len(read_recording(path).messages) for path in files) == 100
-
-
-def test_while_inputs_wait_the_wheels_come_over_more_slowly(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(recorder_module, "PIECE_BYTES", 1)
-    writing = recorder(tmp_path)
-    wheels = {f"sat/{number}": lambda: b"{}" for number in range(8)}
-    writing.begin(wheels, now_s=0.0)
-    turns = []
-    for number in range(60):
-        writing.maintain(MAX_FILE_AGE_S + 1.0 + 0.1 * number, lambda: wheels, busy=number < 20)
-        turns.append(read_recording(recordings_of(tmp_path)[-1]).settings()["checkpoints"])
-    # The first at once, then one in five turns; from the twentieth turn on one in each.
-    assert turns == ["some"] * (20 + 3) + ["all"] * (60 - 23)
-    writing.close(MAX_FILE_AGE_S + 10.0)
 
 
 def test_a_recording_ends_when_it_is_old_and_the_next_one_goes_on(tmp_path: Path) -> None:

@@ -15,6 +15,7 @@ import pytest
 
 from rwa_monitor.messages import samples_json
 from rwa_monitor.monitor import recorder as recorder_module
+from rwa_monitor.monitor.backfill import Arrival
 from rwa_monitor.monitor.recorder import MAX_FILE_AGE_S
 from rwa_monitor.monitor.recording import read_chain, read_recording, recordings_of
 from rwa_monitor.monitor.replay import replay
@@ -24,7 +25,7 @@ from tests.monitor.support import WINDOW, batch_diagnoses, recorded, telemetry, 
 WHEELS: Final = ("wheel_1", "wheel_2", "wheel_3", "wheel_4")
 BATCH: Final = 128  # samples of a message
 SLOTS: Final = 3 * WINDOW
-TICK_S: Final = 0.12  # of the monitor's clock, between two messages
+TICK_S: Final = 1.0  # of the monitor's clock, between two messages
 
 
 @cache
@@ -53,7 +54,7 @@ class Run(Driven):
     def take(self, sent: list[tuple[str, bytes]]) -> None:
         """Take messages."""
         for key, payload in sent:
-            self.monitor.receive(key, payload)
+            self.monitor.receive(Arrival(key, payload))
             self.now_s += TICK_S
             self.monitor.tick()
 
