@@ -138,16 +138,15 @@ class History(Database):
         for name in [*levels, *(name for name in alarms.COMPARED if alike and name not in levels)]:
             level = levels.get(name)
             moved = _moved(session, diagnosis, name) if alike and name in alarms.COMPARED else None
-            if moved is not None and moved.is_common:
+            if moved and moved.common is not None:
                 yield diagnosis.wheel, name, Level.NORMAL, ""
-                least = Level.WATCH if moved.is_large else Level.NORMAL
-                yield alarms.ALL_WHEELS, name, max(level or Level.NORMAL, least), moved.in_words
+                yield alarms.ALL_WHEELS, name, max(level or Level.NORMAL, moved.common), moved.in_words
                 continue
-            if moved is not None and moved.is_alone and not level:
+            if moved and moved.is_alone and not level:
                 yield diagnosis.wheel, name, Level.WATCH, moved.in_words
             elif level is not None:
                 yield diagnosis.wheel, name, level, _reason(diagnosis, name)
-            if moved is not None and (moved.is_alone or level is not None):
+            if moved and (moved.is_alone or level is not None):
                 yield alarms.ALL_WHEELS, name, Level.NORMAL, ""
 
     def _wheels_of(self, session: Session, diagnosis: Diagnosis) -> set[str]:
