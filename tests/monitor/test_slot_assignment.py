@@ -13,14 +13,10 @@ from rwa_monitor.monitor.ingest import (
     HOLD_BACK_MESSAGES,
     TAKEOVER_MESSAGES,
     UNCERTAIN_FACTOR,
-    Counts,
-    Rows,
-    SlotAssignment,
     Trouble,
 )
-from rwa_monitor.samples import MAX_TIME_NS, MIN_TIME_NS, Samples, SlotGrid
-from rwa_monitor.telemetry.slots import RingBuffer
-from rwa_monitor.wheel.wheel import Limits, built_in_wheel
+from rwa_monitor.samples import MAX_TIME_NS, MIN_TIME_NS, Samples
+from rwa_monitor.wheel.wheel import Limits
 from rwa_monitor.words import time_text
 from tests.monitor.support import WINDOW, adds_up, messages_of, telemetry, wheel
 
@@ -265,27 +261,3 @@ def test_messages_that_overtake_within_reach_are_put_right(keys: list[float]) ->
     assert messages_of(got) == messages_of(expected)
     assert any(isinstance(event, WindowDiagnosed) for event in expected)
     assert mixed.counts == straight.counts
-
-
-@given(
-    origin_ns=st.integers(MIN_TIME_NS, MAX_TIME_NS - 10**14),
-    period_ns=st.integers(1_000, 10**12),
-    frontier=st.integers(0, 50),
-    jitter=st.lists(st.floats(-3.0, 3.0), min_size=1, max_size=20),
-)
-def test_slots_are_those_of_the_grid(origin_ns: int, period_ns: int, frontier: int, jitter: list[float]) -> None:
-    """The compiled loop, against the grid's own arithmetic."""
-    guard = SlotAssignment(built_in_wheel(), Counts())
-    guard.period_ns, guard.window_slots = period_ns, 100
-    grid = guard.grid = SlotGrid(origin_ns, period_ns)
-    ring = RingBuffer(100, (), 100)
-    ring.clear(frontier)
-    time_ns = origin_ns + (frontier + np.arange(len(jitter))) * period_ns + (np.array(jitter) * period_ns).astype(int)
-    expected, furthest = [], frontier - 1
-    for slot in grid.slot_of(time_ns).tolist():
-        if slot > furthest:
-            expected.append(slot)
-        furthest = max(furthest, slot)
-    good = np.ones(time_ns.size)
-    pieces = guard.place(Rows(time_ns, {"speed_rad_s": good, "torque_Nm": good}), ring)
-    assert [slot for piece in pieces for slot in piece.slots.tolist()] == expected
