@@ -143,8 +143,6 @@ class Checkpoint(Hashed):
 
 def _run_lengths(flags: BoolArray) -> list[int]:
     """Return the lengths of alternating runs of False and True, beginning with False (perhaps of length 0)."""
-    if flags.size == 0:
-        return []
-    borders = np.flatnonzero(np.diff(flags)) + 1
+    borders = np.flatnonzero(np.diff(flags, prepend=False))
     lengths: list[int] = np.diff(np.concatenate(([0], borders, [flags.size]))).tolist()
-    return [0, *lengths] if flags[0] else lengths
+    return lengths if flags.size else []
