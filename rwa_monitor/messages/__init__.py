@@ -19,6 +19,7 @@ from typing import Annotated, Any, ClassVar, Final, Literal, NamedTuple, Self
 
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic_core import from_json
 
 from rwa_monitor.errors import InputError
 from rwa_monitor.samples import MAX_TIME_NS, TABLE_CHANNELS, FloatArray, Samples, Timeliness
@@ -217,6 +218,15 @@ class SamplesMessage(Message):
             if (values := getattr(self, name)) is not None
         }
         return Samples(time_ns=np.array(self.time_ns, dtype=np.int64), **channels)
+
+
+def is_json(payload: bytes) -> bool:
+    """Return whether a message is JSON of any kind; one that is not may be truncated or damaged."""
+    try:
+        from_json(payload[:MAX_MESSAGE_BYTES])
+    except ValueError:
+        return False
+    return True
 
 
 def samples_json(samples: Samples, publisher: str, batch: int, data: Timeliness | None = None) -> bytes:

@@ -248,8 +248,8 @@ class Monitor:
         Returns
         -------
         bool
-            Whether the message was processed or refused; False where it was requested again, as it cannot be used and
-            may have been damaged in transit.
+            Whether the message was processed or refused; False where it was requested again, as it is no JSON and may
+            have been damaged in transit.
         """
         key, payload = arrival.key, arrival.payload
         try:
@@ -265,7 +265,7 @@ class Monitor:
             core = served.core or self._setup.new_core(*served.key)
             core.check(samples)
         except InputError as error:
-            if self.bus.backfill.ask_again(arrival):
+            if not messages.is_json(payload) and self.bus.backfill.ask_again(arrival):
                 return False
             self._refuse(key, payload, error)
             return True
