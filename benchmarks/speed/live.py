@@ -239,7 +239,7 @@ def monitor_pipe(endpoint: str, folder: Path, messages: int) -> PipeRate:
         monitor = Monitor(options, bus, recorder, logged.append, clock)
         monitor.begin(RecoveredState())
         bus.subscribe(options.wheels)
-        bus.offer_health()
+        bus.show_alive()
         left = messages
         while left:
             while (message := bus.take()) is None:

@@ -210,10 +210,7 @@ class HealthAnswers:
     def __init__(self, session: zenoh.Session) -> None:
         self._session = session
         self._latest: dict[str, tuple[EncodedMessage, Any]] = {}
-
-    def offer(self) -> Any:
-        """Answer queries from now on; returns the queryable, which the caller undeclares."""
-        return self._session.declare_queryable("rwa/**/health", self._on_query)
+        self._queryable: Any = session.declare_queryable("rwa/**/health", self._on_query)
 
     def stamp(self, message: EncodedMessage) -> Any:
         """Keep a wheel's health for queries; returns the timestamp with which to publish it."""
@@ -221,9 +218,11 @@ class HealthAnswers:
         self._latest[message.topic] = message, timestamp
         return timestamp
 
-    def clear(self) -> None:
-        """Answer no more queries: some arrive after `undeclare`."""
+    def close(self) -> None:
+        """Answer no more queries, not even those that arrive after `undeclare`."""
         self._latest.clear()
+        with suppress(zenoh.ZError):  # the session may have been closed already
+            self._queryable.undeclare()
 
     def _on_query(self, query: zenoh.Query) -> None:
         """Answer one query; called in Zenoh's threads."""
@@ -273,10 +272,9 @@ class MonitorBus:
         """Count the messages that wait."""
         return len(self.inbox) + len(self.backfill)
 
-    def offer_health(self) -> None:
-        """Answer queries on rwa/**/health, and declare a liveliness token, which shows that the monitor is alive."""
-        token = self.session.liveliness().declare_token(f"rwa/@monitor/{self.session.zid()}/alive")
-        self._declared += [self._health.offer(), token]
+    def show_alive(self) -> None:
+        """Declare a liveliness token, which shows that the monitor is alive."""
+        self._declared.append(self.session.liveliness().declare_token(f"rwa/@monitor/{self.session.zid()}/alive"))
 
     def publish(self, message: EncodedMessage) -> None:
         """Publish a message; all but `status` reliably and with a history for late subscribers."""
@@ -294,7 +292,7 @@ class MonitorBus:
 
     def close(self) -> None:
         """Undeclare everything; messages that still arrive are ignored."""
-        self._health.clear()
+        self._health.close()
         self.inbox.close()
         for entity in [*reversed(self._declared), *self._publishers.values()]:
             with suppress(zenoh.ZError):  # the session may have been closed already
@@ -417,7 +415,6 @@ class BusThread:
 
 HISTORY_MESSAGES: Final = 8_192  # 3 days of one wheel at 8 Hz in messages of 256; some 120 MB if all are kept
 Content = TypeVar("Content")
-LINGER_S: Final = 1.0  # closing right after the last message may lose it: `put` returns before it is sent
 
 
 def messages_publisher(session: zenoh.Session, key: str, history: int = HISTORY_MESSAGES) -> Any:
@@ -450,7 +447,7 @@ def send(
     *,
     speed: float = 1.0,
     batch_samples: int = 256,
-    linger_s: float = LINGER_S,
+    linger_s: float = PERIOD_S,
     stop: Event,
 ) -> int:
     """Publish samples of one or more wheels paced by their own timestamps.
@@ -466,7 +463,8 @@ def send(
     batch_samples
         Largest number of samples in a message. A message is sent when its last sample is due.
     linger_s
-        How long to stay on the bus afterwards, so that late subscribers get the history [s].
+        How long to stay on the bus afterwards [s]: closing right after the last message may lose it, as it is sent
+        after `put` returns, and late subscribers get the history meanwhile.
     stop
         Ends it early when set.
 

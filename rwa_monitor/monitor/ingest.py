@@ -38,17 +38,14 @@ from rwa_monitor.words import counted, time_text
 # message is late, and not by much; a larger limit would delay every window after a message that is lost.
 HOLD_BACK_MESSAGES: Final = 4
 # A new publisher takes over after this many messages without one of the current publisher: a restart. Until then they
-# wait.
+# wait. They must also have as many samples as that many of the current publisher's largest messages, each counted with
+# at most `PIECE_SLOTS` samples: two publishers of different message sizes must not alternate.
 TAKEOVER_MESSAGES: Final = 3
-# These must also have as many samples as that many of the current publisher's largest messages, each counted with at
-# most this many samples: two publishers of different message sizes must not alternate.
-TAKEOVER_SAMPLES: Final = 2_048
 # Factor on both limits where a second live publisher is more likely than a restart.
 UNCERTAIN_FACTOR: Final = 10
-# Names of replaced publishers that are remembered.
-MAX_REPLACED: Final = 8
-# Numbers of skipped batches that are remembered, to distinguish late samples from repeated ones.
-MAX_SKIPPED: Final = 1_000
+# Names of replaced publishers, and numbers of skipped batches, that are remembered; the latter to distinguish late
+# samples from repeated ones.
+MAX_REMEMBERED: Final = 1_000
 
 
 @dataclass(slots=True)
@@ -198,7 +195,7 @@ class Sequencer:
     def _is_restart(self) -> bool:
         """Return whether the other publisher has sent enough to be taken for a restart."""
         messages = TAKEOVER_MESSAGES * (UNCERTAIN_FACTOR if self.takeover_uncertain else 1)
-        samples = messages * min(self.largest, TAKEOVER_SAMPLES)
+        samples = messages * min(self.largest, PIECE_SLOTS)
         return len(self.takeover) >= messages and sum(len(batch.samples) for batch in self.takeover) >= samples
 
     def _reject_takeover(self) -> Iterator[Trouble]:
@@ -216,7 +213,7 @@ class Sequencer:
     def _take_over(self, frontier_ns: int | None) -> Ready:
         batches, self.takeover, self.takeover_uncertain = self.takeover, [], False
         if self.current is not None:
-            self.replaced = [*self.replaced, self.current][-MAX_REPLACED:]
+            self.replaced = [*self.replaced, self.current][-MAX_REMEMBERED:]
         text = f"publisher {batches[0].publisher!r} took over from {self.current!r}, which had gone silent"
         yield Trouble("publisher change", text)
         self.latest_ns = None
@@ -276,8 +273,8 @@ class Sequencer:
         """Give up the missing batches before `number`, but remember their numbers."""
         first = number if self.expected is None else self.expected
         self.counts.messages_missed += number - first
-        self.skipped.update(dict.fromkeys(range(max(first, number - MAX_SKIPPED), number)))
-        while len(self.skipped) > MAX_SKIPPED:
+        self.skipped.update(dict.fromkeys(range(max(first, number - MAX_REMEMBERED), number)))
+        while len(self.skipped) > MAX_REMEMBERED:
             del self.skipped[next(iter(self.skipped))]
         text = f"missing: {counted(number - first, 'message')} of {self.current!r}, from batch {first} on"
         return Trouble("messages missed", text)

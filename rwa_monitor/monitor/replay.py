@@ -21,7 +21,7 @@ from mcap.records import Attachment
 from rwa_monitor import messages
 from rwa_monitor.errors import InputError
 from rwa_monitor.messages import Changepoints, Diagnosis, Discrepancy, EncodedMessage, Health, SamplesMessage, Status
-from rwa_monitor.monitor.bus import LINGER_S, messages_publisher, paced
+from rwa_monitor.monitor.bus import messages_publisher, paced
 from rwa_monitor.monitor.checkpoint import Checkpoint
 from rwa_monitor.monitor.core import Carried, WheelCore, outputs_of
 from rwa_monitor.monitor.recorder import Predecessor, predecessor_of
@@ -546,5 +546,5 @@ def replay_to_bus(
                 stack.callback(publishers[topic].undeclare)
             publishers[topic].put(payload)
             sent += 1
-        stop.wait(LINGER_S)
+        stop.wait(messages.PERIOD_S)  # closing right after the last message may lose it
     return sent

@@ -508,7 +508,7 @@ def run(
         monitor.begin(recovered)
         del recovered  # frees the memory of the messages that were published again
         bus.subscribe(options.wheels)
-        bus.offer_health()
+        bus.show_alive()
         log(doing := f"monitoring {options.wheels}" + (f", recording in {options.record}" if options.record else ""))
         supervisor.ready(doing)
         watch = BusWatch(session, options.bus)
