@@ -84,13 +84,7 @@ class Stopwatch:
 def monitor_in(folder: Path) -> Monitor:
     """Return a monitor that records in a folder."""
     options = RunOptions(setup=Setup(model=built_in_model()))
-    recorder = Recorder(
-        folder,
-        attachments=options.setup.attachments(),
-        settings=options.settings(),
-        predecessor=None,
-        wall_ns=time.time_ns,
-    )
+    recorder = options.recorder(folder, None, time.time_ns)
     recorder.begin({}, time.monotonic())
     return Monitor(options, SilentBus(), recorder, lambda _: None, Clock())
 

@@ -289,10 +289,9 @@ class Recorder:
 
     def abandon(self) -> None:
         """Close the files as they are, without their end, as a crash would leave them."""
-        if self._previous is not None:
-            self._previous.abandon()
+        for writer in filter(None, (self._previous, self._writer)):
+            writer.abandon()
         if self._writer is not None:
-            self._writer.abandon()
             self.predecessor = predecessor_of(self._writer.path)
         self._writer, self._previous, self._unmoved = None, None, {}
 

@@ -21,7 +21,7 @@ from contextlib import ExitStack, closing, suppress
 from dataclasses import dataclass, field
 from hashlib import blake2b
 from pathlib import Path
-from typing import Any, Final, NamedTuple
+from typing import Final, NamedTuple
 
 import zenoh
 
@@ -32,7 +32,7 @@ from rwa_monitor.monitor.backfill import Arrival
 from rwa_monitor.monitor.bus import IDLE_WAIT_S, BusOptions, BusWatch, MonitorBus, check_wheels, open_session
 from rwa_monitor.monitor.core import Carried, Event, WheelCore, WindowDiagnosed, outputs_of
 from rwa_monitor.monitor.ingest import Counts, Trouble
-from rwa_monitor.monitor.recorder import MAX_FILE_BYTES, Checkpoints, Recorder, locked
+from rwa_monitor.monitor.recorder import MAX_FILE_BYTES, Checkpoints, Predecessor, Recorder, locked
 from rwa_monitor.monitor.replay import REPEATED_SCHEMAS, RecoveredState, recover_state
 from rwa_monitor.monitor.searches import Searches
 from rwa_monitor.monitor.setup import Setup, WheelKey
@@ -86,10 +86,20 @@ class RunOptions:
     stored_after_s: float = STORED_AFTER_S
     log_verdicts: bool = True
 
-    def settings(self) -> dict[str, Any]:
-        """Return the settings as they are written into a recording."""
+    def recorder(
+        self, folder: Path, predecessor: Predecessor | None, wall_ns: Callable[[], int], **more: str
+    ) -> Recorder:
+        """Return a recorder of a monitor with these settings, and more of them, which the recordings hold."""
         share, of = self.shard
-        return {"wheels": self.wheels, "shard": f"{share}/{of}"}
+        return Recorder(
+            folder,
+            attachments=self.setup.attachments(),
+            settings={"wheels": self.wheels, "shard": f"{share}/{of}", **more},
+            predecessor=predecessor,
+            wall_ns=wall_ns,
+            max_file_bytes=self.max_file_bytes,
+            max_total_bytes=self.max_record_bytes,
+        )
 
 
 @dataclass(slots=True)
@@ -491,15 +501,7 @@ def run(
             recovered = recover_state(options.record, setup, stop, log)
             if stop.is_set():
                 return
-            recorder = Recorder(
-                options.record,
-                attachments=setup.attachments(),
-                settings={**options.settings(), "build": __version__},
-                predecessor=recovered.predecessor,
-                wall_ns=clock.wall_ns,
-                max_file_bytes=options.max_file_bytes,
-                max_total_bytes=options.max_record_bytes,
-            )
+            recorder = options.recorder(options.record, recovered.predecessor, clock.wall_ns, build=__version__)
         if session is None:
             session = stack.enter_context(open_session(options.bus))
         bus = stack.enter_context(closing(MonitorBus(session)))
