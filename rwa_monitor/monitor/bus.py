@@ -15,6 +15,7 @@ import secrets
 import time
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import ExitStack, closing, suppress
+from itertools import accumulate
 from operator import itemgetter
 from pathlib import Path
 from threading import Event, Thread
@@ -122,11 +123,8 @@ def _plain(error: zenoh.ZError) -> str:
 
 def _depth(json5: str) -> int:
     """Return how deep a JSON5 text is nested; brackets in strings and comments do not count."""
-    deepest = depth = 0
-    for bracket in re.findall(r"[\[\]{}]", _JSON5_STRING_OR_COMMENT.sub("", json5)):
-        depth += 1 if bracket in "[{" else -1
-        deepest = max(deepest, depth)
-    return deepest
+    brackets = re.findall(r"[\[\]{}]", _JSON5_STRING_OR_COMMENT.sub("", json5))
+    return max(accumulate((1 if bracket in "[{" else -1 for bracket in brackets), initial=0))
 
 
 def open_session(options: BusOptions) -> zenoh.Session:

@@ -174,7 +174,6 @@ class Monitor:
         self._served: dict[WheelKey, _Served] = {}
         self._setup = options.setup
         self.searches = Searches(self._setup, options.record, log)
-        self._model_sha256 = self._setup.model.sha256() if self._setup.model else ""
         self._tick_due_s = 0.0
         self._logged: str = ""
 
@@ -422,7 +421,7 @@ class Monitor:
             last_error=last_error,
             recording=recording.name if recording else None,
             software=SOFTWARE,
-            model_sha256=self._model_sha256,
+            model_sha256=self._setup.identity_of(*served.key)[1],
             publisher=served.publisher,
             windows=served.windows,
             last_sample_ns=served.last_sample_ns,

@@ -20,9 +20,12 @@ from tests.monitor.support import KEY, free_port
 Question = tuple[Arrival, int, Callable[[Arrival], None], Callable[[], None]]
 
 
+def setting(options: BusOptions, key: str) -> object:
+    return json.loads(session_config(options).get_json(key))
+
+
 def settings_of(options: BusOptions, *keys: str) -> list[object]:
-    config = session_config(options)
-    return [json.loads(config.get_json(key)) for key in keys]
+    return [setting(options, key) for key in keys]
 
 
 def test_nothing_listens_and_nothing_is_searched_for_by_default() -> None:
