@@ -53,7 +53,7 @@ from rwa_monitor.monitor.recording import (
 )
 from rwa_monitor.reporting.foxglove import Seen, Translator, layout, schemas
 from rwa_monitor.samples import SECONDS_PER_DAY
-from rwa_monitor.telemetry.files import PIECE_BYTES, make_folder, refusing
+from rwa_monitor.telemetry.files import PIECE_BYTES, atomic_write, make_folder, refusing
 from rwa_monitor.words import SOFTWARE
 
 if TYPE_CHECKING:
@@ -584,16 +584,11 @@ class Written(NamedTuple):
 
 @contextmanager
 def _new_file(target: Path) -> Iterator[IO[bytes]]:
-    """Open a new file for writing; raises InputError if it exists or cannot be written."""
-    with refusing(target, "cannot be written", "--output"):
-        try:
-            with target.open("xb") as file:
-                yield file
-        except InputError:
-            target.unlink()  # it is incomplete
-            raise
-        except FileExistsError as error:
-            raise InputError(str(target), "exists already; nothing is overwritten", "--output") from error
+    """Open a new file for writing, which is there when it is complete; raises InputError if there is one already."""
+    if target.exists():
+        raise InputError(str(target), "exists already; nothing is overwritten", "--output")
+    with atomic_write(target, "--output") as part, part.open("wb") as file:
+        yield file
 
 
 # ---- recovery of a damaged recording: every intact chunk, and no message that fails its checksum ---------------------

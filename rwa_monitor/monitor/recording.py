@@ -34,6 +34,7 @@ from rwa_monitor.telemetry.files import (
     MESSAGE_HEAD,
     PIECE_BYTES,
     RECORD_HEAD,
+    decode_utf8,
     display_name,
     opened,
     records_in,
@@ -117,10 +118,7 @@ class Recording:
         """Return an attached text; raises InputError where it is missing or no UTF-8."""
         if name not in self.attachments:
             raise InputError(str(self.path), "is missing: this is no recording of rwa-monitor run", name)
-        try:
-            return self.attachments[name].decode()
-        except UnicodeDecodeError as error:
-            raise InputError(str(self.path), "is no UTF-8 text", name) from error
+        return decode_utf8(self.attachments[name], self.path)
 
     def settings(self) -> dict[str, Any]:
         """Return the settings attached by the recorder; raises InputError where there are none."""

@@ -65,7 +65,7 @@ def alarms_of(window_of: Callable[[int, str], Diagnosis], windows: int = 14) -> 
         return history.alarms()
 
 
-def test_a_shift_that_all_share_is_one_alarm_of_the_spacecraft_and_returns_when_the_cause_is_gone() -> None:
+def test_a_shift_that_all_share_is_one_alarm_of_the_spacecraft() -> None:
     def window(number: int, wheel: str) -> Diagnosis:
         return diagnosis(number, severity=1.0 if 10 <= number < 14 else None, wheel=wheel)
 
