@@ -35,7 +35,6 @@ from benchmarks.speed.live import free_endpoint
 from rwa_monitor.diagnosis.model import built_in_model
 from rwa_monitor.monitor.bus import BusOptions, SamplesPublisher, open_session
 from rwa_monitor.monitor.core import WheelCore
-from rwa_monitor.monitor.recorder import Recorder
 from rwa_monitor.monitor.recording import recordings_of
 from rwa_monitor.monitor.service import RunOptions
 from rwa_monitor.monitor.setup import Setup
@@ -119,16 +118,10 @@ def record_full_windows(folder: Path, samples: Samples, wheels: int) -> None:
     core = WheelCore(built_in_wheel(), built_in_model())
     for begin in range(0, len(samples), 256):
         core.feed(samples[begin : begin + 256])
-    state = core.checkpoint().to_json()
+    state = core.checkpoint()
     options = RunOptions(setup=Setup(core.wheel, model=core.model))
     folder.mkdir()
-    recorder = Recorder(
-        folder,
-        attachments=options.setup.attachments(),
-        settings=options.settings(),
-        predecessor=None,
-        wall_ns=time.time_ns,
-    )
+    recorder = options.recorder(folder, None, time.time_ns)
     recorder.begin({f"fleet/wheel_{number}": lambda: state for number in range(wheels)}, 0.0)
     recorder.close(0.0)
 

@@ -27,6 +27,7 @@ from rwa_monitor.changepoints.evidence import WindowAccumulator
 from rwa_monitor.diagnosis.model import built_in_model
 from rwa_monitor.messages import SamplesMessage, samples_json
 from rwa_monitor.monitor import core
+from rwa_monitor.monitor.backfill import Arrival
 from rwa_monitor.monitor.core import WheelCore
 from rwa_monitor.monitor.ingest import Sequencer, SlotAssignment
 from rwa_monitor.monitor.recorder import Recorder
@@ -83,13 +84,7 @@ class Stopwatch:
 def monitor_in(folder: Path) -> Monitor:
     """Return a monitor that records in a folder."""
     options = RunOptions(setup=Setup(model=built_in_model()))
-    recorder = Recorder(
-        folder,
-        attachments=options.setup.attachments(),
-        settings=options.settings(),
-        predecessor=None,
-        wall_ns=time.time_ns,
-    )
+    recorder = options.recorder(folder, None, time.time_ns)
     recorder.begin({}, time.monotonic())
     return Monitor(options, SilentBus(), recorder, lambda _: None, Clock())
 
@@ -99,7 +94,7 @@ def run(messages: list[bytes]) -> None:
     with tempfile.TemporaryDirectory() as folder:
         monitor = monitor_in(Path(folder))
         for payload in messages:
-            monitor.receive(KEY, payload)
+            monitor.receive(Arrival(KEY, payload))
             monitor.tick()
         monitor.close()
 

@@ -24,9 +24,8 @@ import numpy as np
 
 from rwa_monitor.diagnosis.model import built_in_model
 from rwa_monitor.messages import Diagnosis, EncodedMessage, SamplesMessage, Status, samples_json
-from rwa_monitor.monitor.backfill import Backfill, Inbox
+from rwa_monitor.monitor.backfill import Arrival, Backfill, Inbox
 from rwa_monitor.monitor.bus import MonitorBus
-from rwa_monitor.monitor.recorder import Recorder
 from rwa_monitor.monitor.recording import read_recording, recordings_of
 from rwa_monitor.monitor.replay import recover_state
 from rwa_monitor.monitor.service import Clock, Monitor, RunOptions
@@ -255,17 +254,11 @@ def _as_telemetry(samples: Samples, *, heat: bool) -> Samples:
 
 def _run(options: RunOptions, folder: Path, messages: Messages, clock: Clock, *, killed: bool) -> None:
     past = recover_state(folder, options.setup, Event(), lambda _: None)
-    recorder = Recorder(
-        folder,
-        attachments=options.setup.attachments(),
-        settings=options.settings(),
-        predecessor=past.predecessor,
-        wall_ns=clock.wall_ns,
-    )
+    recorder = options.recorder(folder, past.predecessor, clock.wall_ns)
     monitor = Monitor(options, SilentBus(), recorder, lambda _: None, clock)
     monitor.begin(past)
     for key, payload in messages:
-        monitor.receive(key, payload)
+        monitor.receive(Arrival(key, payload))
         monitor.tick()
     if killed:
         recorder.sync(clock.monotonic_s())

@@ -10,7 +10,6 @@ import time
 from collections.abc import Callable
 from contextlib import closing
 from dataclasses import dataclass
-from functools import partial
 from multiprocessing import get_context
 from pathlib import Path
 from threading import Event
@@ -27,7 +26,7 @@ from rwa_monitor.diagnosis.model import Model, built_in_model
 from rwa_monitor.messages import SamplesMessage
 from rwa_monitor.monitor.bus import BusOptions, MonitorBus, SamplesPublisher, open_session
 from rwa_monitor.monitor.core import WheelCore
-from rwa_monitor.monitor.recorder import REFUSED, Recorder
+from rwa_monitor.monitor.recorder import REFUSED
 from rwa_monitor.monitor.recording import RECORDING_SUFFIX, read_recording, recordings_of
 from rwa_monitor.monitor.replay import RecoveredState
 from rwa_monitor.monitor.service import Clock, Monitor, RunOptions
@@ -227,27 +226,21 @@ def monitor_pipe(endpoint: str, folder: Path, messages: int) -> PipeRate:
     """Run the monitor on the messages: record, check, detect, diagnose, record, publish."""
     options = RunOptions(setup=Setup(model=built_in_model()), bus=BusOptions(mode="peer", listen=(endpoint,)))
     clock = Clock()
-    recorder = Recorder(
-        folder,
-        attachments=options.setup.attachments(),
-        settings=options.settings(),
-        predecessor=None,
-        wall_ns=clock.wall_ns,
-    )
+    recorder = options.recorder(folder, None, clock.wall_ns)
     begin, busy = 0.0, 0.0
     with open_session(options.bus) as session, closing(MonitorBus(session)) as bus:
         logged: list[str] = []
         monitor = Monitor(options, bus, recorder, logged.append, clock)
         monitor.begin(RecoveredState())
         bus.subscribe(options.wheels)
-        bus.offer_health()
+        bus.show_alive()
         left = messages
         while left:
             while (message := bus.take()) is None:
                 bus.inbox.wake.wait(0.1)
             if left == messages:
                 begin, busy = time.perf_counter(), time.thread_time()
-            left -= monitor.receive(message.key, message.payload, partial(bus.backfill.ask_again, message))
+            left -= monitor.receive(message)
             monitor.tick()
         monitor.close()
         seconds, busy_s = time.perf_counter() - begin, time.thread_time() - busy

@@ -24,7 +24,8 @@ def bridge(udp: str, decoding: cli.Decoding, batch: int, stored: bool, bus: cli.
     at the end, on SIGINT or SIGTERM, all counts are printed as one JSON object.
     """
     from rwa_monitor.dashboard.space_packets import Bridge, UdpAddress, listening, run_bridge
-    from rwa_monitor.monitor.bus import LINGER_S, BusWatch, SamplesPublisher, open_session
+    from rwa_monitor.messages import PERIOD_S
+    from rwa_monitor.monitor.bus import BusWatch, SamplesPublisher, open_session
     from rwa_monitor.telemetry.ccsds_packets import PacketDecoder
 
     address = UdpAddress.parse(udp, "--udp")
@@ -42,7 +43,7 @@ def bridge(udp: str, decoding: cli.Decoding, batch: int, stored: bool, bus: cli.
         watch = BusWatch(session, bus)
         run_bridge(bridge, receiver, stop, cli.log, lambda now_s: watch.log_changes(now_s, cli.log))
         stop.clear()
-        stop.wait(LINGER_S)  # so that the last message is sent; a second signal ends the wait
+        stop.wait(PERIOD_S)  # so that the last message is sent; a second signal ends the wait
     click.echo(json.dumps(bridge.counts(), ensure_ascii=False))
 
 

@@ -157,14 +157,12 @@ class AlarmNotifier:
         self.history = history
         self._publishing = Lock()
         self._health = HealthAnswers(session)
-        self._queryable = self._health.offer()
 
     def __enter__(self) -> Self:
         return self
 
     def __exit__(self, *error: object) -> None:
-        with suppress(zenoh.ZError):  # the session may have been closed already
-            self._queryable.undeclare()
+        self._health.close()
 
     def publish(self, *alarms: AlarmRecord) -> None:
         """Publish changes of alarms to the pages, and on the bus in the health of each wheel that has a window.

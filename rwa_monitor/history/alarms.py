@@ -374,17 +374,17 @@ class ShiftComparison(NamedTuple):
 
     Attributes
     ----------
-    is_common, is_alone
-        Whether the shift has a common cause, or is the wheel's own; neither if there is none, or neither is certain.
-    is_large
-        Whether the common shift is more than half the width of the nominal range.
+    common
+        The least level of the alarm of all wheels if the shift has a common cause: a watch if it is more than half the
+        width of the nominal range. None where that is not certain.
+    is_alone
+        Whether it is certain that the shift is the wheel's own.
     in_words
         One sentence for an operator.
     """
 
-    is_common: bool
+    common: Level | None
     is_alone: bool
-    is_large: bool
     in_words: str
 
 
@@ -400,26 +400,21 @@ def compare_shifts(name: str, wheel: str, shifts: Mapping[str, Shift]) -> ShiftC
     shifts
         By wheel.
     """
-    if wheel not in shifts:
-        return None
     names = sorted(shifts)
     found = compare([shifts[one] for one in names])
-    if found is None:
+    if found is None or wheel not in shifts:
         return None
-    alone = float(found.alone[names.index(wheel)]) >= MIN_CERTAINTY
+    coefficient, alone = COMPARED[name].capitalize(), float(found.alone[names.index(wheel)]) >= MIN_CERTAINTY
     if alone or found.common < MIN_CERTAINTY:
-        own = shifts[wheel]
-        words = (
-            f"{COMPARED[name].capitalize()} moved by {_percent(own.value, own.variance**0.5)}, apart from that of the "
-            f"other {len(names) - 1} wheels."
-        )
-        return ShiftComparison(is_common=False, is_alone=alone, is_large=False, in_words=words)
+        moved = _percent(shifts[wheel].value, shifts[wheel].variance ** 0.5)
+        words = f"{coefficient} moved by {moved}, apart from that of the other {len(names) - 1} wheels."
+        return ShiftComparison(common=None, is_alone=alone, in_words=words)
     words = (
-        f"{COMPARED[name].capitalize()} of all {len(names)} wheels moved by {_percent(found.shift, found.shift_std)}: "
-        "a cause outside the wheels, such as temperature, the supply of the current sensors, or a change of software."
+        f"{coefficient} of all {len(names)} wheels moved by {_percent(found.shift, found.shift_std)}: a cause outside"
+        " the wheels, such as temperature, the supply of the current sensors, or a change of software."
     )
     large = abs(found.shift) > float(np.median([shift.nominal for shift in shifts.values()]))
-    return ShiftComparison(is_common=True, is_alone=False, is_large=large, in_words=words)
+    return ShiftComparison(Level.WATCH if large else Level.NORMAL, is_alone=False, in_words=words)
 
 
 def _percent(value: float, std: float) -> str:

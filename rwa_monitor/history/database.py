@@ -138,11 +138,9 @@ def _open_engine(url: sa.URL) -> sa.Engine:
 
 def _set_up_connection(connection: Any, record: object) -> None:
     del record
-    cursor = connection.cursor()
-    cursor.execute("PRAGMA journal_mode = WAL")
-    cursor.execute("PRAGMA synchronous = FULL")  # a confirmed acknowledgement survives a loss of power
-    cursor.execute("PRAGMA foreign_keys = ON")
-    cursor.close()
+    connection.execute("PRAGMA journal_mode = WAL")
+    connection.execute("PRAGMA synchronous = FULL")  # a confirmed acknowledgement survives a loss of power
+    connection.execute("PRAGMA foreign_keys = ON")
 
 
 def _reason(error: Exception) -> str:

@@ -116,14 +116,15 @@ class History(Database):
         before = of_wheel.where(end < diagnosis.window_end_ns).order_by(end.desc()).limit(policy.n - 1)
         after = of_wheel.where(end > diagnosis.window_end_ns).order_by(end).limit(policy.n - 1)
         around = [*reversed(session.scalars(before).all()), diagnosis.to_json().decode(), *session.scalars(after)]
-        seen = [alarms.observe(Diagnosis.parse(text.encode(), "history")).get(name) for text in around]
-        levels = [level for level in seen if level is not None]
-        together = (sorted(levels[i : i + policy.n], reverse=True) for i in range(len(levels) - policy.k + 1))
-        level = max((some[policy.k - 1] for some in together if len(some) >= policy.k), default=Level.NORMAL)
-        if level > (state.alarm.level if state.alarm else Level.NORMAL):
+        then = Alarm()
+        for text in around:
+            level = alarms.observe(Diagnosis.parse(text.encode(), "history")).get(name)
+            if level is not None:
+                then, _ = alarms.advance(then, level, diagnosis.window_end_ns, policy)
+        if then.peak > (state.alarm.level if state.alarm else Level.NORMAL):
             recent, last_ns = state.recent, state.last_window_ns
-            state.recent = str(int(level)) * (policy.n - 1)
-            self._advance(session, state, level, diagnosis.window_end_ns, policy, _reason(diagnosis, name))
+            state.recent = str(int(then.peak)) * (policy.n - 1)
+            self._advance(session, state, then.peak, diagnosis.window_end_ns, policy, _reason(diagnosis, name))
             state.recent, state.last_window_ns = recent, last_ns
 
     def _observed(self, session: Session, diagnosis: Diagnosis) -> Iterator[tuple[str, str, Level, str]]:
@@ -138,16 +139,15 @@ class History(Database):
         for name in [*levels, *(name for name in alarms.COMPARED if alike and name not in levels)]:
             level = levels.get(name)
             moved = _moved(session, diagnosis, name) if alike and name in alarms.COMPARED else None
-            if moved is not None and moved.is_common:
+            if moved and moved.common is not None:
                 yield diagnosis.wheel, name, Level.NORMAL, ""
-                least = Level.WATCH if moved.is_large else Level.NORMAL
-                yield alarms.ALL_WHEELS, name, max(level or Level.NORMAL, least), moved.in_words
+                yield alarms.ALL_WHEELS, name, max(level or Level.NORMAL, moved.common), moved.in_words
                 continue
-            if moved is not None and moved.is_alone and not level:
+            if moved and moved.is_alone and not level:
                 yield diagnosis.wheel, name, Level.WATCH, moved.in_words
             elif level is not None:
                 yield diagnosis.wheel, name, level, _reason(diagnosis, name)
-            if moved is not None and (moved.is_alone or level is not None):
+            if moved and (moved.is_alone or level is not None):
                 yield alarms.ALL_WHEELS, name, Level.NORMAL, ""
 
     def _wheels_of(self, session: Session, diagnosis: Diagnosis) -> set[str]:

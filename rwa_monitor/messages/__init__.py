@@ -397,17 +397,17 @@ MODEL_LACKS: Final = (
 def health_message(diagnosis: Diagnosis, data: NotLive | None = None) -> Health:
     """Return the health that follows from a wheel's latest diagnosis; `data` of None is that of the diagnosis."""
     data = data or diagnosis.data
-    active = {name: anomaly for name, anomaly in diagnosis.anomalies.items() if anomaly.active}
     alarmed = diagnosis.verdict == "anomalous"
+    active = {name: anomaly for name, anomaly in diagnosis.anomalies.items() if alarmed and anomaly.active}
     reason = diagnosis.reason if diagnosis.model_adequate else f"{diagnosis.reason} {MODEL_LACKS}"
     return Health(
         spacecraft=diagnosis.spacecraft,
         wheel=diagnosis.wheel,
         verdict=diagnosis.verdict,
-        severity=max((anomaly.severity or 0.0 for anomaly in active.values()), default=0.0) if alarmed else 0.0,
+        severity=max((anomaly.severity or 0.0 for anomaly in active.values()), default=0.0),
         reason=reason,
         window_end_ns=diagnosis.window_end_ns,
-        alarms=list(active) if alarmed and data is None else [],
+        alarms=[] if data else list(active),
         data=data,
     )
 
@@ -519,17 +519,22 @@ class DiagnosisGain(Message):
     after: DiagnosisQuality
 
 
-class SimulatedGain(Message):
-    """RMSE of the wheel file simulated on the searched records without and with the effects; `note` if it is worse."""
+class _Rmse(Message):
+    """RMSE of friction without and with the effects found."""
 
     rmse_base_Nm: Number
     rmse_extended_Nm: Number
-    note: str = ""
 
     @property
     def is_a_loss(self) -> bool:
-        """Whether the simulation is worse with the effects."""
+        """Whether it is worse with the effects."""
         return self.rmse_extended_Nm > (1.0 + TOLERATED_RISE) * self.rmse_base_Nm
+
+
+class SimulatedGain(_Rmse):
+    """RMSE of the wheel file simulated on the searched records without and with the effects; `note` if it is worse."""
+
+    note: str = ""
 
 
 class SearchedAgain(Message):
@@ -551,11 +556,9 @@ class SearchedAgain(Message):
         )
 
 
-class Gain(Message):
+class Gain(_Rmse):
     """What the effects found are worth on held-out data: recordings named, or blocks of the searched ones."""
 
-    rmse_base_Nm: Number
-    rmse_extended_Nm: Number
     log_score_base: Number
     log_score_extended: Number
     noise_std_Nm: Number
@@ -572,8 +575,7 @@ class Gain(Message):
     @property
     def is_a_loss(self) -> bool:
         """Whether the extension is worse than the base model on held-out data, by RMSE or by log score."""
-        worse = self.rmse_extended_Nm > (1.0 + TOLERATED_RISE) * self.rmse_base_Nm
-        return worse or self.log_score_extended < self.log_score_base
+        return super().is_a_loss or self.log_score_extended < self.log_score_base
 
     @property
     def only_by_fewer_jumps(self) -> bool:

@@ -7,13 +7,16 @@ counted: a longer wait would close the connection, and lose more than one messag
 requested again when the inbox is empty. Memory is bounded in any case.
 """
 
+import heapq
 import json
 import math
 import re
 import secrets
 import time
 from collections.abc import Iterable, Iterator, Mapping
-from contextlib import suppress
+from contextlib import ExitStack, closing, suppress
+from itertools import accumulate
+from operator import itemgetter
 from pathlib import Path
 from threading import Event, Thread
 from typing import Any, Final, Literal, NamedTuple, Self, TypeVar
@@ -24,7 +27,7 @@ from zenoh import ext
 from rwa_monitor.errors import InputError, RwaMonitorError
 from rwa_monitor.messages import MAX_MESSAGE_BYTES, PERIOD_S, EncodedMessage, SamplesMessage, samples_json
 from rwa_monitor.monitor.backfill import Arrival, Backfill, Inbox, ask_publisher
-from rwa_monitor.samples import NANOSECONDS_PER_SECOND, Samples, Timeliness
+from rwa_monitor.samples import MIN_TIME_NS, NANOSECONDS_PER_SECOND, Samples, Timeliness
 from rwa_monitor.telemetry.files import MAX_DEPTH, read_text
 from rwa_monitor.wheel.file_content import MAX_CONTENT_BYTES
 from rwa_monitor.words import Log
@@ -37,22 +40,22 @@ ALL_SAMPLES: Final = "rwa/*/*/samples"  # spacecraft, wheel
 
 # Settings that replace Zenoh's defaults. A value of the configuration file that differs from Zenoh's default takes
 # precedence; shared memory and plug-ins stay off in any case.
-_SECURE: Final[tuple[tuple[str, Any], ...]] = (
-    ("listen/endpoints", []),
-    ("scouting/multicast/enabled", False),
-    ("scouting/gossip/enabled", False),
+_SECURE: Final[dict[str, Any]] = {
+    "listen/endpoints": [],
+    "scouting/multicast/enabled": False,
+    "scouting/gossip/enabled": False,
     # Reconnect within one second after a short outage, not within four: a publisher's history is limited.
-    ("connect/retry", {"period_init_ms": 200, "period_max_ms": 1_000, "period_increase_factor": 2.0}),
-    ("transport/link/rx/max_message_size", 2 * MAX_MESSAGE_BYTES),
+    "connect/retry": {"period_init_ms": 200, "period_max_ms": 1_000, "period_increase_factor": 2.0},
+    "transport/link/rx/max_message_size": 2 * MAX_MESSAGE_BYTES,
     # A subscriber that is stuck may block the monitor for one second [µs], not for five.
-    ("transport/link/tx/queue/congestion_control/block/wait_before_close", 1_000_000),
-)
-_FIXED: Final[tuple[tuple[str, Any], ...]] = (
+    "transport/link/tx/queue/congestion_control/block/wait_before_close": 1_000_000,
+}
+_FIXED: Final[dict[str, Any]] = {
     # A killed publisher leaves its segment behind, and a read-only /dev/shm makes `open` fail.
-    ("transport/shared_memory/enabled", False),
+    "transport/shared_memory/enabled": False,
     # Plug-ins run code from files that a configuration names.
-    ("plugins_loading/enabled", False),
-)
+    "plugins_loading/enabled": False,
+}
 _JSON5_STRING_OR_COMMENT: Final = re.compile(r"""//[^\n]*|/\*.*?\*/|"(?:\\.|[^"\\])*"|'(?:\\.|[^'\\])*'""", re.DOTALL)
 # Protocol and address; those of an internet protocol name a port. Zenoh takes ?metadata and #config behind them.
 _ENDPOINT: Final = re.compile(r"(?:tcp|udp|tls|quic|ws)/\S+:\d{1,5}(?:[?#]\S*)?|(?!tcp|udp|tls|quic|ws)[a-z0-9_-]+/\S+")
@@ -93,30 +96,23 @@ def session_config(options: BusOptions) -> zenoh.Config:
             config = zenoh.Config.from_file(options.config)
         except zenoh.ZError as error:
             raise InputError(str(options.config), f"is no Zenoh configuration: {error}") from error
-    for key, value in _SECURE:
-        if config.get_json(key) == default.get_json(key):
-            config.insert_json5(key, json.dumps(value))
-    for key, value in _FIXED:
-        config.insert_json5(key, json.dumps(value))
+    settings = {key: value for key, value in _SECURE.items() if config.get_json(key) == default.get_json(key)}
     if options.no_multicast_scouting:
-        config.insert_json5("scouting/multicast/enabled", "false")
-    settings: dict[str, tuple[str, Any]] = {
-        "--mode": ("mode", options.mode or ("peer" if config.get_json("mode") == "null" else None)),
-        "--connect": ("connect/endpoints", list(options.connect) or None),
-        "--listen": ("listen/endpoints", list(options.listen) or None),
-    }
-    for option, (key, value) in settings.items():
-        if value is None:
-            continue
-        for endpoint in value if isinstance(value, list) else ():
+        settings["scouting/multicast/enabled"] = False
+    if options.mode or config.get_json("mode") == "null":
+        settings["mode"] = options.mode or "peer"
+    for key, value in (settings | _FIXED).items():
+        config.insert_json5(key, json.dumps(value))
+    for kind, endpoints in (("connect", options.connect), ("listen", options.listen)):
+        for endpoint in endpoints:
             if not _ENDPOINT.fullmatch(endpoint):
-                raise InputError(
-                    option, f"{endpoint!r} is no endpoint: write tcp/HOST:PORT, such as tcp/127.0.0.1:7447"
-                )
-        try:
-            config.insert_json5(key, json.dumps(value))
-        except zenoh.ZError as error:
-            raise InputError(option, f"{value} is not understood: {_plain(error)}") from error
+                reason = f"{endpoint!r} is no endpoint: write tcp/HOST:PORT, such as tcp/127.0.0.1:7447"
+                raise InputError(f"--{kind}", reason)
+        if endpoints:
+            try:
+                config.insert_json5(f"{kind}/endpoints", json.dumps(endpoints))
+            except zenoh.ZError as error:
+                raise InputError(f"--{kind}", f"{endpoints} is not understood: {_plain(error)}") from error
     return config
 
 
@@ -127,11 +123,8 @@ def _plain(error: zenoh.ZError) -> str:
 
 def _depth(json5: str) -> int:
     """Return how deep a JSON5 text is nested; brackets in strings and comments do not count."""
-    deepest = depth = 0
-    for bracket in re.findall(r"[\[\]{}]", _JSON5_STRING_OR_COMMENT.sub("", json5)):
-        depth += 1 if bracket in "[{" else -1
-        deepest = max(deepest, depth)
-    return deepest
+    brackets = re.findall(r"[\[\]{}]", _JSON5_STRING_OR_COMMENT.sub("", json5))
+    return max(accumulate((1 if bracket in "[{" else -1 for bracket in brackets), initial=0))
 
 
 def open_session(options: BusOptions) -> zenoh.Session:
@@ -215,10 +208,7 @@ class HealthAnswers:
     def __init__(self, session: zenoh.Session) -> None:
         self._session = session
         self._latest: dict[str, tuple[EncodedMessage, Any]] = {}
-
-    def offer(self) -> Any:
-        """Answer queries from now on; returns the queryable, which the caller undeclares."""
-        return self._session.declare_queryable("rwa/**/health", self._on_query)
+        self._queryable: Any = session.declare_queryable("rwa/**/health", self._on_query)
 
     def stamp(self, message: EncodedMessage) -> Any:
         """Keep a wheel's health for queries; returns the timestamp with which to publish it."""
@@ -226,9 +216,11 @@ class HealthAnswers:
         self._latest[message.topic] = message, timestamp
         return timestamp
 
-    def clear(self) -> None:
-        """Answer no more queries: some arrive after `undeclare`."""
+    def close(self) -> None:
+        """Answer no more queries, not even those that arrive after `undeclare`."""
         self._latest.clear()
+        with suppress(zenoh.ZError):  # the session may have been closed already
+            self._queryable.undeclare()
 
     def _on_query(self, query: zenoh.Query) -> None:
         """Answer one query; called in Zenoh's threads."""
@@ -278,10 +270,9 @@ class MonitorBus:
         """Count the messages that wait."""
         return len(self.inbox) + len(self.backfill)
 
-    def offer_health(self) -> None:
-        """Answer queries on rwa/**/health, and declare a liveliness token, which shows that the monitor is alive."""
-        token = self.session.liveliness().declare_token(f"rwa/@monitor/{self.session.zid()}/alive")
-        self._declared += [self._health.offer(), token]
+    def show_alive(self) -> None:
+        """Declare a liveliness token, which shows that the monitor is alive."""
+        self._declared.append(self.session.liveliness().declare_token(f"rwa/@monitor/{self.session.zid()}/alive"))
 
     def publish(self, message: EncodedMessage) -> None:
         """Publish a message; all but `status` reliably and with a history for late subscribers."""
@@ -299,7 +290,7 @@ class MonitorBus:
 
     def close(self) -> None:
         """Undeclare everything; messages that still arrive are ignored."""
-        self._health.clear()
+        self._health.close()
         self.inbox.close()
         for entity in [*reversed(self._declared), *self._publishers.values()]:
             with suppress(zenoh.ZError):  # the session may have been closed already
@@ -422,7 +413,6 @@ class BusThread:
 
 HISTORY_MESSAGES: Final = 8_192  # 3 days of one wheel at 8 Hz in messages of 256; some 120 MB if all are kept
 Content = TypeVar("Content")
-LINGER_S: Final = 1.0  # closing right after the last message may lose it: `put` returns before it is sent
 
 
 def messages_publisher(session: zenoh.Session, key: str, history: int = HISTORY_MESSAGES) -> Any:
@@ -455,7 +445,7 @@ def send(
     *,
     speed: float = 1.0,
     batch_samples: int = 256,
-    linger_s: float = LINGER_S,
+    linger_s: float = PERIOD_S,
     stop: Event,
 ) -> int:
     """Publish samples of one or more wheels paced by their own timestamps.
@@ -471,7 +461,8 @@ def send(
     batch_samples
         Largest number of samples in a message. A message is sent when its last sample is due.
     linger_s
-        How long to stay on the bus afterwards, so that late subscribers get the history [s].
+        How long to stay on the bus afterwards [s]: closing right after the last message may lose it, as it is sent
+        after `put` returns, and late subscribers get the history meanwhile.
     stop
         Ends it early when set.
 
@@ -480,16 +471,15 @@ def send(
     int
         Samples sent.
     """
-    sent, publishers = 0, {key: SamplesPublisher(session, key) for key in telemetry}
+    sent = 0
     first_ns = min((int(samples.time_ns[0]) for samples in telemetry.values() if len(samples)), default=0)
-    try:
-        for key, batch in paced(_batches(telemetry, batch_samples), speed, stop, first_ns):
+    batches = (_batches(key, samples, batch_samples) for key, samples in telemetry.items())
+    with ExitStack() as stack:
+        publishers = {key: stack.enter_context(closing(SamplesPublisher(session, key))) for key in telemetry}
+        for key, batch in paced(heapq.merge(*batches, key=itemgetter(0)), speed, stop, first_ns):
             publishers[key].put(batch)
             sent += len(batch)
         stop.wait(linger_s)
-    finally:
-        for publisher in publishers.values():
-            publisher.close()
     return sent
 
 
@@ -506,14 +496,10 @@ def paced(
         yield key, content
 
 
-def _batches(telemetry: Mapping[str, Samples], size: int) -> Iterator[tuple[int, str, Samples]]:
-    """Cut all telemetry into messages: (time of the last sample, key, samples), in the order of time."""
-    cuts: list[tuple[int, int, str, int]] = []
-    for key, samples in telemetry.items():
-        due_ns = int(samples.time_ns[0]) if len(samples) else 0
-        for start in range(0, len(samples), size):
-            # Where a wheel's clock steps back, its messages are still sent in their own order.
-            due_ns = max(due_ns, int(samples.time_ns[min(start + size, len(samples)) - 1]))
-            cuts.append((due_ns, len(cuts), key, start))
-    for due_ns, _, key, start in sorted(cuts):
-        yield due_ns, key, telemetry[key][start : start + size]
+def _batches(key: str, samples: Samples, size: int) -> Iterator[tuple[int, str, Samples]]:
+    """Cut a wheel's telemetry into messages: (time when it is due, that of the last sample; key; samples)."""
+    due_ns = MIN_TIME_NS
+    for start in range(0, len(samples), size):
+        batch = samples[start : start + size]
+        due_ns = max(due_ns, int(batch.time_ns[-1]))  # where the clock steps back, the order is kept
+        yield due_ns, key, batch

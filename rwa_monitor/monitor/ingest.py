@@ -38,17 +38,14 @@ from rwa_monitor.words import counted, time_text
 # message is late, and not by much; a larger limit would delay every window after a message that is lost.
 HOLD_BACK_MESSAGES: Final = 4
 # A new publisher takes over after this many messages without one of the current publisher: a restart. Until then they
-# wait.
+# wait. They must also have as many samples as that many of the current publisher's largest messages, each counted with
+# at most `PIECE_SLOTS` samples: two publishers of different message sizes must not alternate.
 TAKEOVER_MESSAGES: Final = 3
-# These must also have as many samples as that many of the current publisher's largest messages, each counted with at
-# most this many samples: two publishers of different message sizes must not alternate.
-TAKEOVER_SAMPLES: Final = 2_048
 # Factor on both limits where a second live publisher is more likely than a restart.
 UNCERTAIN_FACTOR: Final = 10
-# Names of replaced publishers that are remembered.
-MAX_REPLACED: Final = 8
-# Numbers of skipped batches that are remembered, to distinguish late samples from repeated ones.
-MAX_SKIPPED: Final = 1_000
+# Names of replaced publishers, and numbers of skipped batches, that are remembered; the latter to distinguish late
+# samples from repeated ones.
+MAX_REMEMBERED: Final = 1_000
 
 
 @dataclass(slots=True)
@@ -86,6 +83,12 @@ class Counts:
     queued: Count = 0
     slots_missed: Count = 0
     messages_missed: Count = 0
+
+    def settle(self, **parts: int) -> None:
+        """Count samples that were queued as used, masked, late, duplicate or rejected."""
+        for name, count in parts.items():
+            setattr(self, name, getattr(self, name) + int(count))
+            self.queued -= int(count)
 
 
 class Batch(NamedTuple):
@@ -192,7 +195,7 @@ class Sequencer:
     def _is_restart(self) -> bool:
         """Return whether the other publisher has sent enough to be taken for a restart."""
         messages = TAKEOVER_MESSAGES * (UNCERTAIN_FACTOR if self.takeover_uncertain else 1)
-        samples = messages * min(self.largest, TAKEOVER_SAMPLES)
+        samples = messages * min(self.largest, PIECE_SLOTS)
         return len(self.takeover) >= messages and sum(len(batch.samples) for batch in self.takeover) >= samples
 
     def _reject_takeover(self) -> Iterator[Trouble]:
@@ -203,15 +206,14 @@ class Sequencer:
         refused = self.takeover[0].publisher
         self.takeover.clear()
         self.takeover_uncertain = False
-        self.counts.queued -= count
-        self.counts.rejected += count
+        self.counts.settle(rejected=count)
         text = f"two live publishers on one wheel: {counted(count, 'sample')} of {refused!r} rejected"
         yield Trouble("publisher conflict", f"{text}, {self.current!r} goes on")
 
     def _take_over(self, frontier_ns: int | None) -> Ready:
         batches, self.takeover, self.takeover_uncertain = self.takeover, [], False
         if self.current is not None:
-            self.replaced = [*self.replaced, self.current][-MAX_REPLACED:]
+            self.replaced = [*self.replaced, self.current][-MAX_REMEMBERED:]
         text = f"publisher {batches[0].publisher!r} took over from {self.current!r}, which had gone silent"
         yield Trouble("publisher change", text)
         self.latest_ns = None
@@ -229,15 +231,12 @@ class Sequencer:
         elif batch.number < self.expected:
             yield from self._passed(batch, batch.number, frontier_ns)
         elif batch.number in self.held:  # the same message twice while it waits
-            self._count_duplicate(batch)
+            self.counts.settle(duplicate=len(batch.samples))
         else:
             self.held[batch.number] = batch
             yield from self._release(1 if len(self.held) > HOLD_BACK_MESSAGES else 0)
-        time_ns = batch.samples.time_ns
-        if time_ns.size:
-            # The median: a single wrong time stamp does not matter.
-            rank = time_ns.size // 2
-            middle_ns = int(np.partition(time_ns, rank)[rank])
+        if len(batch.samples):
+            middle_ns = median_time(batch.samples.time_ns)
             self.latest_ns = middle_ns if self.latest_ns is None else max(self.latest_ns, middle_ns)
 
     def _passed(self, batch: Batch, number: int, frontier_ns: int | None) -> Ready:
@@ -255,11 +254,7 @@ class Sequencer:
             self.expected = number + 1
             yield batch
         else:
-            self._count_duplicate(batch)
-
-    def _count_duplicate(self, batch: Batch) -> None:
-        self.counts.queued -= len(batch.samples)
-        self.counts.duplicate += len(batch.samples)
+            self.counts.settle(duplicate=len(batch.samples))
 
     def _release(self, at_least: int) -> Ready:
         """Release the next messages in order, and at least so many of those that wait, skipping gaps before them."""
@@ -278,11 +273,17 @@ class Sequencer:
         """Give up the missing batches before `number`, but remember their numbers."""
         first = number if self.expected is None else self.expected
         self.counts.messages_missed += number - first
-        self.skipped.update(dict.fromkeys(range(max(first, number - MAX_SKIPPED), number)))
-        while len(self.skipped) > MAX_SKIPPED:
+        self.skipped.update(dict.fromkeys(range(max(first, number - MAX_REMEMBERED), number)))
+        while len(self.skipped) > MAX_REMEMBERED:
             del self.skipped[next(iter(self.skipped))]
         text = f"missing: {counted(number - first, 'message')} of {self.current!r}, from batch {first} on"
         return Trouble("messages missed", text)
+
+
+def median_time(time_ns: IntArray) -> int:
+    """Return the median of times: a single wrong time stamp does not matter."""
+    rank = time_ns.size // 2
+    return int(np.partition(time_ns, rank)[rank])
 
 
 # ---- samples into slots ----------------------------------------------------------------------------------------------
@@ -402,9 +403,7 @@ class SlotAssignment:
                 wrong |= ~within & np.isfinite(values)
         if clean:
             return None
-        count = int(np.count_nonzero(wrong))
-        self.counts.rejected += count
-        self.counts.queued -= count
+        self.counts.settle(rejected=wrong.sum())
         return ~wrong
 
     def place(
@@ -433,8 +432,7 @@ class SlotAssignment:
         start = 0
         while start < len(rows):
             if self.grid is None and passed:  # a message that was given up before any sample was taken
-                counts.late += len(rows) - start
-                counts.queued -= len(rows) - start
+                counts.settle(late=len(rows) - start)
                 break
             if self.grid is not None:
                 count, piece = self._go_on(self.grid, rows, good, start, ring, passed=passed)
@@ -459,13 +457,11 @@ class SlotAssignment:
                     )
                     yield Trouble("clock step", text)
                 continue
-            counts.duplicate += following - start - 1
-            counts.queued -= following - start - 1
+            counts.settle(duplicate=following - start - 1)
             if undecided and not last:
                 self.waiting = rows[start : start + 1]
                 break
-            counts.rejected += 1
-            counts.queued -= 1
+            counts.settle(rejected=1)
             strays.append(first_ns)
             start = following
         if strays:
@@ -509,12 +505,9 @@ class SlotAssignment:
         if ahead_count < count:
             behind, taking = slots[~ahead], np.flatnonzero(ahead)
             rows, slots = rows[taking], slots[taking]
-            taken = ring.is_filled(behind) | np.isin(behind, slots)
-            counts.duplicate += int(taken.sum())
-            counts.late += int(behind.size - taken.sum())
-        counts.used += used
-        counts.masked += ahead_count - used
-        counts.queued -= count
+            duplicate = (ring.is_filled(behind) | np.isin(behind, slots)).sum()
+            counts.settle(duplicate=duplicate, late=behind.size - duplicate)
+        counts.settle(used=used, masked=ahead_count - used)
         if not ahead_count:
             return count, None
         counts.slots_missed += int(slots[-1]) + 1 - ring.end - ahead_count

@@ -53,7 +53,7 @@ from rwa_monitor.monitor.recording import (
 )
 from rwa_monitor.reporting.foxglove import Seen, Translator, layout, schemas
 from rwa_monitor.samples import SECONDS_PER_DAY
-from rwa_monitor.telemetry.files import PIECE_BYTES, make_folder, refusing
+from rwa_monitor.telemetry.files import PIECE_BYTES, atomic_write, make_folder, refusing
 from rwa_monitor.words import SOFTWARE
 
 if TYPE_CHECKING:
@@ -63,7 +63,6 @@ RECORDING_VERSION: Final = 1
 MAX_FILE_BYTES: Final = 32 * 2**20  # then the next file is begun; state recovery from one takes some seconds
 MAX_FILE_AGE_S: Final = SECONDS_PER_DAY
 MIN_FREE_BYTES: Final = 64 * 2**20  # disk space left for other programs
-BUSY_MOVE_S: Final = 0.5  # between two moves of wheels to the next file while inputs wait
 REFUSED: Final = "refused"
 REFUSED_SCHEMA: Final = "rwa.Refused"
 LOCK_NAME: Final = ".rwa-monitor.lock"
@@ -125,10 +124,7 @@ class Recorder:
     _begun_s: float = field(default=0.0, init=False)
     _synced_s: float = field(default=0.0, init=False)
     _retry_s: float = field(default=float("-inf"), init=False)
-    _retry_period_s: float = field(default=messages.PERIOD_S, init=False)
     _refused_topics: set[str] = field(default_factory=set, init=False)
-    # Size of the schemas, which are in every file.
-    _schemas_bytes: int = field(default_factory=lambda: len(dump_json(message_schemas())), init=False)
 
     @property
     def path(self) -> Path | None:
@@ -152,7 +148,6 @@ class Recorder:
                 part.unlink()  # of a run that was killed while it began a file
             self._writer = self._new_file(self.predecessor, "all", checkpoints, inherited)
             self.error = ""
-            self._retry_period_s = messages.PERIOD_S
             self._begun_s = self._synced_s = now_s
             self.predecessor = None
 
@@ -208,7 +203,7 @@ class Recorder:
             self._check_free(0)
             self._synced_s = now_s
 
-    def maintain(self, now_s: float, checkpoints: Callable[[], Checkpoints], *, busy: bool = False) -> None:
+    def maintain(self, now_s: float, checkpoints: Callable[[], Checkpoints]) -> None:
         """Do what is due: flush, rotate, try again after a failure. Call it often, between two inputs.
 
         Parameters
@@ -217,8 +212,6 @@ class Recorder:
             A monotonic clock [s].
         checkpoints
             Returns the functions that make the checkpoints of all wheels.
-        busy
-            Whether inputs wait: wheels are then moved to the next file every `BUSY_MOVE_S` only.
         """
         if self._writer is None:
             if now_s >= self._retry_s:
@@ -230,7 +223,7 @@ class Recorder:
         if now_s - self._synced_s >= messages.PERIOD_S:
             self.sync(now_s)
         if self._previous is not None:
-            if not busy or now_s - self._moved_s >= BUSY_MOVE_S:
+            if now_s - self._moved_s >= messages.PERIOD_S:  # between two moves inputs are taken
                 self._move(now_s)
         elif full and not self.error:
             self._rotate(checkpoints(), now_s)
@@ -262,7 +255,7 @@ class Recorder:
             self._previous.sync()
             moved = 0
             # At least one checkpoint: that of a full window of 80,000 slots has 1.7 MB, and takes 6 ms.
-            while self._unmoved and moved < min(PIECE_BYTES, self.max_file_bytes):
+            while self._unmoved and moved < PIECE_BYTES:
                 name, make = self._unmoved.popitem()
                 data = make()
                 moved += len(data)
@@ -296,10 +289,9 @@ class Recorder:
 
     def abandon(self) -> None:
         """Close the files as they are, without their end, as a crash would leave them."""
-        if self._previous is not None:
-            self._previous.abandon()
+        for writer in filter(None, (self._previous, self._writer)):
+            writer.abandon()
         if self._writer is not None:
-            self._writer.abandon()
             self.predecessor = predecessor_of(self._writer.path)
         self._writer, self._previous, self._unmoved = None, None, {}
 
@@ -333,14 +325,12 @@ class Recorder:
         more
             Size of the next attachment [bytes].
         """
-        needed = max(self.max_file_bytes, 2 * (begin + self._schemas_bytes)) + HashedFile.GATHERED_BYTES
-        self._make_room(needed - written)
+        self._make_room(max(self.max_file_bytes, 2 * begin) + HashedFile.GATHERED_BYTES - written)
         self._check_free(more)
 
     def _check_free(self, needed: int) -> None:
-        free = shutil.disk_usage(self.folder).free
-        if free < MIN_FREE_BYTES + needed:
-            raise OSError(f"only {free} bytes are free, {MIN_FREE_BYTES + needed} are kept for others")
+        if shutil.disk_usage(self.folder).free < MIN_FREE_BYTES + needed:
+            raise OSError(f"less than {MIN_FREE_BYTES + needed} bytes are free, which are kept for others")
 
     def _make_room(self, needed: int) -> None:
         """Delete the oldest recordings until the folder has room for `needed` more bytes."""
@@ -360,8 +350,7 @@ class Recorder:
 
     def _fail(self, error: OSError, now_s: float) -> None:
         self.error = f"nothing is recorded: {error.strerror or error}"
-        self._retry_s = now_s + self._retry_period_s
-        self._retry_period_s = min(2.0 * self._retry_period_s, messages.LOG_PERIOD_S)
+        self._retry_s = now_s + messages.PERIOD_S
         self.abandon()
 
 
@@ -595,16 +584,11 @@ class Written(NamedTuple):
 
 @contextmanager
 def _new_file(target: Path) -> Iterator[IO[bytes]]:
-    """Open a new file for writing; raises InputError if it exists or cannot be written."""
-    with refusing(target, "cannot be written", "--output"):
-        try:
-            with target.open("xb") as file:
-                yield file
-        except InputError:
-            target.unlink()  # it is incomplete
-            raise
-        except FileExistsError as error:
-            raise InputError(str(target), "exists already; nothing is overwritten", "--output") from error
+    """Open a new file for writing, which is there when it is complete; raises InputError if there is one already."""
+    if target.exists():
+        raise InputError(str(target), "exists already; nothing is overwritten", "--output")
+    with atomic_write(target, "--output") as part, part.open("wb") as file:
+        yield file
 
 
 # ---- recovery of a damaged recording: every intact chunk, and no message that fails its checksum ---------------------

@@ -15,6 +15,7 @@ import struct
 import zlib
 from collections.abc import Callable, Iterator, Sequence
 from errno import EIO
+from functools import partial
 from hashlib import file_digest
 from pathlib import Path
 from typing import Any, BinaryIO, Final, Literal, TypeVar
@@ -33,6 +34,7 @@ from rwa_monitor.telemetry.files import (
     MESSAGE_HEAD,
     PIECE_BYTES,
     RECORD_HEAD,
+    decode_utf8,
     display_name,
     opened,
     records_in,
@@ -116,10 +118,7 @@ class Recording:
         """Return an attached text; raises InputError where it is missing or no UTF-8."""
         if name not in self.attachments:
             raise InputError(str(self.path), "is missing: this is no recording of rwa-monitor run", name)
-        try:
-            return self.attachments[name].decode()
-        except UnicodeDecodeError as error:
-            raise InputError(str(self.path), "is no UTF-8 text", name) from error
+        return decode_utf8(self.attachments[name], self.path)
 
     def settings(self) -> dict[str, Any]:
         """Return the settings attached by the recorder; raises InputError where there are none."""
@@ -172,7 +171,7 @@ class Recording:
         position, size = len(MCAP0_MAGIC), self._size
         while position < size and not self.finished:
             stop = self._record_end(position)
-            if stop is None or not self._take_record(position, stop):
+            if stop is None or not _is_sound(partial(self._take_record, position, stop)):
                 self._found.clear()
                 stop = self._next_chunk(position + 1)
                 self.problems.append(f"bytes {position} to {stop} of {size} cannot be read")
@@ -191,22 +190,22 @@ class Recording:
         stop = position + RECORD_HEAD.size + length
         return stop if length <= MAX_CHECKPOINT_BYTES and stop <= self._size else None
 
-    def _take_record(self, position: int, stop: int) -> bool:
-        """Process one record; return False if it is damaged."""
+    def _take_record(self, position: int, stop: int) -> None:
+        """Process one record; raises InputError if the file exceeds a limit, others if the record is damaged."""
         self._begin_work(stop - position)
         record = self._read(position, stop)
         opcode, content = record[0], record[RECORD_HEAD.size :]
-        if opcode == Opcode.DATA_END:
-            self.finished = self._is_end(stop)
-            return self.finished
-        if opcode not in {Opcode.CHUNK, Opcode.ATTACHMENT}:
-            return _is_ignored(opcode, content)
         if opcode == Opcode.CHUNK:
-            return _is_sound(lambda: self._take_records(self._unpack(content)))
-        return _is_sound(lambda: self._take_attachment(content))
+            self._take_records(self._unpack(content))
+        elif opcode == Opcode.ATTACHMENT:
+            self._take_attachment(content)
+        elif opcode == Opcode.DATA_END and self._is_end(stop):
+            self.finished = True
+        elif not _is_ignored(opcode, content):
+            raise ValueError("no record of a recording")
 
     def _unpack(self, content: bytes) -> bytes:
-        """Return the data of a chunk; raises InputError if the file exceeds a limit, others if it is damaged."""
+        """Return the data of a chunk; raises as `_take_record`."""
         chunk = Chunk.read(stream_of(content))
         if not chunk.uncompressed_crc:
             raise ValueError("no checksum")
@@ -214,7 +213,7 @@ class Recording:
         return unpacked(chunk)
 
     def _take_records(self, data: bytes) -> None:
-        """Process the records of a chunk; raises as `_unpack`."""
+        """Process the records of a chunk; raises as `_take_record`."""
         for opcode, record in records_in(data):
             self._records += 1
             if self._records > MAX_RECORDS:
@@ -244,7 +243,7 @@ class Recording:
             raise InputError(display_name(self.path), reason)
 
     def _take_attachment(self, content: bytes) -> None:
-        """Process an attachment; raises whatever the parsers do if it is damaged."""
+        """Process an attachment; raises as `_take_record`."""
         if zlib.crc32(content[:-4]) != int.from_bytes(content[-4:], "little"):
             raise ValueError("another checksum")
         attachment = Attachment.read(stream_of(content))
@@ -281,14 +280,14 @@ class Recording:
         if opcode != Opcode.CHUNK or size > MAX_CHUNK_BYTES or data + length != stop:
             return False
         self._begin_work(stop - start)
-        return _is_sound(lambda: self._unpack(self._read(start + RECORD_HEAD.size, stop)))
+        return _is_sound(partial(self._unpack, self._read(start + RECORD_HEAD.size, stop)))
 
 
 def _is_sound(parse: Callable[[], object]) -> bool:
-    """Return whether something can be parsed; raises InputError where a limit is exceeded."""
+    """Return whether something can be parsed; raises InputError where a limit is exceeded, OSError where one is."""
     try:
         parse()
-    except InputError:
+    except (InputError, OSError):
         raise
     # With damaged bytes the parsers may raise anything.
     except Exception:  # noqa: BLE001

@@ -9,6 +9,7 @@ import math
 import time
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import ExitStack
 from dataclasses import dataclass, field
 from pathlib import Path
 from threading import Event
@@ -20,7 +21,7 @@ from mcap.records import Attachment
 from rwa_monitor import messages
 from rwa_monitor.errors import InputError
 from rwa_monitor.messages import Changepoints, Diagnosis, Discrepancy, EncodedMessage, Health, SamplesMessage, Status
-from rwa_monitor.monitor.bus import LINGER_S, messages_publisher, paced
+from rwa_monitor.monitor.bus import messages_publisher, paced
 from rwa_monitor.monitor.checkpoint import Checkpoint
 from rwa_monitor.monitor.core import Carried, WheelCore, outputs_of
 from rwa_monitor.monitor.recorder import Predecessor, predecessor_of
@@ -244,9 +245,8 @@ def _unrecorded(run: RecordingRun) -> list[EncodedMessage]:
     held = Counter(message.topic for message in run.own)
     missing = []
     for output in run.outputs:
-        if held[output.topic] > 0:
-            held[output.topic] -= 1
-        else:
+        held[output.topic] -= 1
+        if held[output.topic] < 0:
             missing.append(output)
     return missing
 
@@ -453,10 +453,8 @@ class Report:
 
     def _inputs_of(self, report: Discrepancy, path: Path) -> Iterator[EncodedMessage]:
         """Return the messages of samples in the files so far, except files that end before a report begins."""
-        for file in (*self.files, path):
-            span = time_span(file)
-            if span is not None and span[1] >= report.start_ns:
-                yield from recorded_inputs(file)
+        spans = ((file, time_span(file)) for file in (*self.files, path))
+        return recorded_inputs([file for file, span in spans if span and span[1] >= report.start_ns])
 
     def _check_link(self, recording: Recording, settings: dict[str, Any]) -> None:
         """Check that a recording names the file before it as its predecessor, and that file's hash."""
@@ -540,15 +538,13 @@ def replay_to_bus(
     """
     publishers: dict[str, Any] = {}
     sent = 0
-    try:
-        inputs = ((message.time_ns, message.topic, message.payload) for message in recorded_inputs(recordings))
+    inputs = ((message.time_ns, message.topic, message.payload) for message in recorded_inputs(recordings))
+    with ExitStack() as stack:
         for topic, payload in paced(inputs, speed, stop):
             if topic not in publishers:
                 publishers[topic] = messages_publisher(session, messages.replay_key(topic))
+                stack.callback(publishers[topic].undeclare)
             publishers[topic].put(payload)
             sent += 1
-        stop.wait(LINGER_S)
-    finally:
-        for publisher in publishers.values():
-            publisher.undeclare()
+        stop.wait(messages.PERIOD_S)  # closing right after the last message may lose it
     return sent

@@ -19,20 +19,20 @@ import time
 from collections.abc import Callable, Mapping
 from contextlib import ExitStack, closing, suppress
 from dataclasses import dataclass, field
-from functools import partial
 from hashlib import blake2b
 from pathlib import Path
-from typing import Any, Final, NamedTuple
+from typing import Final, NamedTuple
 
 import zenoh
 
 from rwa_monitor import __version__, messages
 from rwa_monitor.errors import InputError
 from rwa_monitor.messages import REPLAY, Diagnosis, EncodedMessage, Health, SamplesMessage, Status
+from rwa_monitor.monitor.backfill import Arrival
 from rwa_monitor.monitor.bus import IDLE_WAIT_S, BusOptions, BusWatch, MonitorBus, check_wheels, open_session
 from rwa_monitor.monitor.core import Carried, Event, WheelCore, WindowDiagnosed, outputs_of
 from rwa_monitor.monitor.ingest import Counts, Trouble
-from rwa_monitor.monitor.recorder import MAX_FILE_BYTES, Checkpoints, Recorder, locked
+from rwa_monitor.monitor.recorder import MAX_FILE_BYTES, Checkpoints, Predecessor, Recorder, locked
 from rwa_monitor.monitor.replay import REPEATED_SCHEMAS, RecoveredState, recover_state
 from rwa_monitor.monitor.searches import Searches
 from rwa_monitor.monitor.setup import Setup, WheelKey
@@ -40,7 +40,6 @@ from rwa_monitor.samples import NANOSECONDS_PER_SECOND, Timeliness
 from rwa_monitor.telemetry.files import refusing
 from rwa_monitor.words import SOFTWARE, Log, counted, time_text
 
-BUSY_MESSAGES: Final = 100  # waiting ones, from which the monitor is busy: 0.1 s of the messages of a thousand wheels
 SAMPLE_COUNTS: Final = ("received", "used", "masked", "late", "duplicate", "rejected", "queued")
 # Samples older than this on arrival are not live: a message spans half a minute (256 samples at 8 Hz), a link and its
 # ground segment add seconds to minutes, and a pass after which a satellite dumps stored samples lasts ten minutes.
@@ -87,10 +86,20 @@ class RunOptions:
     stored_after_s: float = STORED_AFTER_S
     log_verdicts: bool = True
 
-    def settings(self) -> dict[str, Any]:
-        """Return the settings as they are written into a recording."""
+    def recorder(
+        self, folder: Path, predecessor: Predecessor | None, wall_ns: Callable[[], int], **more: str
+    ) -> Recorder:
+        """Return a recorder of a monitor with these settings, and more of them, which the recordings hold."""
         share, of = self.shard
-        return {"wheels": self.wheels, "shard": f"{share}/{of}"}
+        return Recorder(
+            folder,
+            attachments=self.setup.attachments(),
+            settings={"wheels": self.wheels, "shard": f"{share}/{of}", **more},
+            predecessor=predecessor,
+            wall_ns=wall_ns,
+            max_file_bytes=self.max_file_bytes,
+            max_total_bytes=self.max_record_bytes,
+        )
 
 
 @dataclass(slots=True)
@@ -119,10 +128,10 @@ class _Served:
         """Spacecraft and wheel, as in the log."""
         return "/".join(self.key)
 
-    def checkpoint(self) -> bytes:
-        """Return the state of its core."""
-        assert self.core is not None
-        return self.core.checkpoint().to_json()
+    @property
+    def is_replay(self) -> bool:
+        """Whether its telemetry is a replay."""
+        return self.key[1].endswith(REPLAY)
 
 
 class Clock(NamedTuple):
@@ -165,7 +174,6 @@ class Monitor:
         self._served: dict[WheelKey, _Served] = {}
         self._setup = options.setup
         self.searches = Searches(self._setup, options.record, log)
-        self._model_sha256 = self._setup.model.sha256() if self._setup.model else ""
         self._tick_due_s = 0.0
         self._logged: str = ""
 
@@ -178,7 +186,6 @@ class Monitor:
                 served.on_wall_clock = Status.parse(status.payload, status.topic).on_wall_clock
         if self.recorder is not None:
             self.recorder.begin(self._checkpoints(), self.clock.monotonic_s(), recovered.unrecorded)
-            self._log_recorder()
         health: dict[WheelKey, Health] = {}
         for output in (*recovered.diagnoses, *recovered.unrecorded):
             if output.schema != Health.schema_name():  # health is published once, below
@@ -202,7 +209,7 @@ class Monitor:
         if message is None:
             self.bus.inbox.wake.wait(IDLE_WAIT_S)
         else:
-            self.receive(message.key, message.payload, partial(self.bus.backfill.ask_again, message), message.source)
+            self.receive(message)
         self.tick()
 
     def tick(self) -> None:
@@ -212,8 +219,9 @@ class Monitor:
             return
         self._tick_due_s = now_s + IDLE_WAIT_S
         if self.recorder is not None:
-            self.recorder.maintain(now_s, self._checkpoints, busy=self.bus.waiting() > BUSY_MESSAGES)
-            self._log_recorder()
+            self.recorder.maintain(now_s, self._checkpoints)
+            if self.recorder.error:
+                self._log_once(self.recorder.error)
         for found in self.searches.poll():
             self._record(found)
             self._publish(found)
@@ -241,27 +249,18 @@ class Monitor:
 
     # ---- in ------------------------------------------------------------------------------------------------------
 
-    def receive(
-        self, key: str, payload: bytes, ask_again: Callable[[], bool] = lambda: False, source: str = ""
-    ) -> bool:
+    def receive(self, arrival: Arrival) -> bool:
         """Process one message from beginning to end: record, diagnose, record, publish.
 
         A replay is not recorded, as it is from a recording, and each replay starts with a new core.
 
-        Parameters
-        ----------
-        key, payload
-            The message.
-        ask_again
-            Called for a message that is no JSON, perhaps damaged in transit: requests it again; False if it cannot.
-        source
-            Its publisher in Zenoh, "" where that is not known.
-
         Returns
         -------
         bool
-            Whether the message was processed or refused; False where it was requested again.
+            Whether the message was processed or refused; False where it was requested again, as it is no JSON and may
+            have been damaged in transit.
         """
+        key, payload = arrival.key, arrival.payload
         try:
             if not self._is_in_shard(*messages.split_key(key)[:2]):
                 return True
@@ -270,12 +269,12 @@ class Monitor:
                 key = messages.replay_key(key)
             samples = message.samples()
             served = self._serve(key)
-            if served.key[1].endswith(REPLAY) and served.source != source:
-                self._served[served.key] = served = _Served(served.key, source=source)
+            if served.is_replay and served.source != arrival.source:
+                self._served[served.key] = served = _Served(served.key, source=arrival.source)
             core = served.core or self._setup.new_core(*served.key)
             core.check(samples)
         except InputError as error:
-            if not messages.is_json(payload) and ask_again():
+            if not messages.is_json(payload) and self.bus.backfill.ask_again(arrival):
                 return False
             self._refuse(key, payload, error)
             return True
@@ -298,7 +297,7 @@ class Monitor:
 
     def _data_of(self, served: _Served, message: SamplesMessage) -> Timeliness:
         """Return the timeliness of samples: as their publisher states it, or else by this machine's clock."""
-        if served.key[1].endswith(REPLAY):
+        if served.is_replay:
             return "replay"
         if message.data is not None:
             return message.data
@@ -422,7 +421,7 @@ class Monitor:
             last_error=last_error,
             recording=recording.name if recording else None,
             software=SOFTWARE,
-            model_sha256=self._model_sha256,
+            model_sha256=self._setup.identity_of(*served.key)[1],
             publisher=served.publisher,
             windows=served.windows,
             last_sample_ns=served.last_sample_ns,
@@ -437,12 +436,7 @@ class Monitor:
 
     def _checkpoints(self) -> Checkpoints:
         """Return functions that make the checkpoint of each recorded wheel when called."""
-        recorded = [one for one in self._served.values() if one.core is not None and not one.key[1].endswith(REPLAY)]
-        return {served.name: served.checkpoint for served in recorded}
-
-    def _log_recorder(self) -> None:
-        if self.recorder is not None and self.recorder.error:
-            self._log_once(self.recorder.error)
+        return {one.name: one.core.checkpoint for one in self._served.values() if one.core and not one.is_replay}
 
     def _log_once(self, text: str) -> None:
         """Log a text unless it was the last one logged here."""
@@ -506,15 +500,7 @@ def run(
             recovered = recover_state(options.record, setup, stop, log)
             if stop.is_set():
                 return
-            recorder = Recorder(
-                options.record,
-                attachments=setup.attachments(),
-                settings={**options.settings(), "build": __version__},
-                predecessor=recovered.predecessor,
-                wall_ns=clock.wall_ns,
-                max_file_bytes=options.max_file_bytes,
-                max_total_bytes=options.max_record_bytes,
-            )
+            recorder = options.recorder(options.record, recovered.predecessor, clock.wall_ns, build=__version__)
         if session is None:
             session = stack.enter_context(open_session(options.bus))
         bus = stack.enter_context(closing(MonitorBus(session)))
@@ -523,7 +509,7 @@ def run(
         monitor.begin(recovered)
         del recovered  # frees the memory of the messages that were published again
         bus.subscribe(options.wheels)
-        bus.offer_health()
+        bus.show_alive()
         log(doing := f"monitoring {options.wheels}" + (f", recording in {options.record}" if options.record else ""))
         supervisor.ready(doing)
         watch = BusWatch(session, options.bus)

@@ -13,7 +13,7 @@ from typing import Final
 import numpy as np
 
 from rwa_monitor.messages import ClockNs, Count, Slot
-from rwa_monitor.monitor.ingest import Counts, Rows, fits
+from rwa_monitor.monitor.ingest import Counts, Rows, fits, median_time
 from rwa_monitor.samples import MAX_TIME_NS, MIN_TIME_NS, FloatArray, IntArray, SlotGrid
 from rwa_monitor.switching.carried_state import CarriedState
 
@@ -133,8 +133,7 @@ class StoredTelemetry:
                 rows = waited.followed_by(rows)
             else:
                 if waited is not None:
-                    counts.rejected += len(waited)
-                    counts.queued -= len(waited)
+                    counts.settle(rejected=len(waited))
                 if self.newest is not None and middle > self.newest + self.kept:
                     self.waiting = rows
                     return False
@@ -142,22 +141,19 @@ class StoredTelemetry:
             self.windows.clear()
             self.newest = middle
         self.newest = middle if self.newest is None else max(self.newest, middle)
-        slots = self.grid_of(0).slot_of(rows.time_ns)
-        numbers = slots // self.window_slots
+        numbers, places = np.divmod(self.grid_of(0).slot_of(rows.time_ns), self.window_slots)
         good, fresh = rows.good(), np.zeros(len(rows), dtype=np.bool_)
         late, wild = numbers < self.newest - self.kept, numbers > self.newest + self.kept
         within = ~(late | wild)
-        places = slots - numbers * self.window_slots
         for number in np.unique(numbers[good & within]).tolist():
-            window = self.windows.get(number) or StoredWindow(
-                {name: np.full(self.window_slots, np.nan) for name in rows.values}
-            )
+            if number not in self.windows:
+                self.windows[number] = StoredWindow({name: np.full(self.window_slots, np.nan) for name in rows.values})
+            window = self.windows[number]
             own = np.flatnonzero((numbers == number) & good)
             own = own[np.isnan(window.values["speed_rad_s"][places[own]])]
             own = own[np.unique(places[own], return_index=True)[1]]  # the first of those for one slot
             if not own.size:
                 continue
-            self.windows[number] = window
             fresh[own] = True
             for name, values in rows.values.items():
                 window.values[name][places[own]] = values[own]
@@ -167,18 +163,14 @@ class StoredTelemetry:
         for window in self.windows.values():
             window.elsewhere += len(rows)
         if counts is not None:
-            counts.late += int(late.sum())
-            counts.rejected += int(wild.sum())
-            counts.masked += int((within & ~good).sum())
-            counts.used += int(fresh.sum())
-            counts.duplicate += int((within & good & ~fresh).sum())
-            counts.queued -= len(rows)
+            masked, duplicate = within & ~good, within & good & ~fresh
+            counts.settle(late=late.sum(), rejected=wild.sum(), masked=masked.sum(), used=fresh.sum())
+            counts.settle(duplicate=duplicate.sum())
         return bool(late.any())
 
     def _middle(self, rows: Rows) -> int:
         """Return the number of the window of the median time: a single time may be wrong."""
-        rank = len(rows) // 2
-        return int(self.grid_of(0).slot_of(int(np.partition(rows.time_ns, rank)[rank]))) // self.window_slots
+        return self.grid_of(0).slot_of(median_time(rows.time_ns)) // self.window_slots
 
     # ---- windows out ------------------------------------------------------------------------------------------------
 

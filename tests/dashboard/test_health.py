@@ -54,7 +54,6 @@ def test_a_query_gets_the_later_health_of_monitor_and_dashboard(session: zenoh.S
 
     key = "rwa/sat/wheel_1/health"
     with closing(MonitorBus(session)) as bus:
-        bus.offer_health()
 
         def publish(number: int) -> None:
             message = diagnosis(number, severity=1.0)

@@ -312,7 +312,7 @@ def parts() -> tuple[tuple[str, str, bytes], ...]:
         ("", "wheel.toml", small_wheel().to_toml().encode()),
         ("", "model.json", built_in_model().to_json().encode()),
         ("", "settings.json", dump_json({"predecessor": None})),
-        ("", "checkpoint/sat/wheel_1.json", core.checkpoint().to_json()),
+        ("", "checkpoint/sat/wheel_1.json", core.checkpoint()),
     ]
     for number, start in enumerate((100, 150), start=1):
         piece = samples[start : start + 50]

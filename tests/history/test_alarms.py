@@ -41,34 +41,22 @@ def play(actions: list[object], policy: Policy) -> list[tuple[Alarm, list[str], 
 
 
 @given(DEEDS, POLICIES)
-def test_it_rises_only_when_k_of_the_last_n_windows_are_bad(actions: list[object], policy: Policy) -> None:
+def test_any_sequence_of_windows_and_acknowledgements_keeps_the_rules(actions: list[object], policy: Policy) -> None:
     windows: list[Level] = []
-    for _, events, _, action in play(actions, policy):
+    seen = False
+    for before, events, after, action in play(actions, policy):
         if isinstance(action, Level):
             windows.append(action)
-        if {"raised", "relapsed", "escalated"} & set(events):
+        if {"raised", "relapsed", "escalated"} & set(events):  # only when k of the last n windows are bad
             assert sum(level > Level.NORMAL for level in windows[-policy.n :]) >= policy.k
-
-
-@given(DEEDS, POLICIES)
-def test_it_clears_only_when_normal_and_acknowledged(actions: list[object], policy: Policy) -> None:
-    seen = False
-    for before, events, after, _ in play(actions, policy):
-        if "raised" in events:
-            seen = False
-        seen = seen or "acknowledged" in events
-        if "cleared" in events:
+        seen = (seen and "raised" not in events) or "acknowledged" in events
+        if "cleared" in events:  # only when normal and acknowledged
             assert seen
             assert not any(after.recent[-policy.n :]) or before.phase == "returned"
             assert after.phase == "quiet"
         elif before.phase != "quiet":
             assert after.phase != "quiet"
-
-
-@given(DEEDS, POLICIES)
-def test_what_is_worse_than_what_was_acknowledged_is_not_acknowledged(actions: list[object], policy: Policy) -> None:
-    for _, _, after, _ in play(actions, policy):
-        if after.phase == "acknowledged":
+        if after.phase == "acknowledged":  # not what is worse than what was acknowledged
             assert after.level <= after.acknowledged_level
         assert after.level <= after.peak or after.phase == "quiet"
 
@@ -79,25 +67,27 @@ def test_one_bad_window_does_not_shout_and_two_do() -> None:
     assert steps[-1][2].level == Level.WATCH  # the level that two of three windows reach
 
 
-def test_a_window_that_decides_nothing_because_its_model_does_not_fit_raises_the_models_alarm_only() -> None:
-    window = diagnosis(0, severity=2.0).model_copy(update={"verdict": "inconclusive", "model_adequate": False})
-    assert observe(window) == {MODEL_ALARM: Level.WATCH}
-    assert observe(window.model_copy(update={"model_adequate": True})) == {}
+UNCERTAIN = diagnosis(0).anomalies["viscous"].model_copy(update={"active": True, "severity": 2.0, "severity_std": 1.7})
 
 
-def test_an_uncertain_severity_counts_as_far_as_it_is_certain() -> None:
-    window = diagnosis(0, severity=2.0)
-    assert observe(window)["viscous"] == Level.DISTRESS
-    doubtful = window.anomalies["viscous"].model_copy(update={"severity_std": 1.7})
-    window = window.model_copy(update={"model_adequate": False, "anomalies": {"viscous": doubtful}})
-    assert observe(window)["viscous"] == Level.WATCH
-    assert observe(window)[MODEL_ALARM] == Level.WATCH
-
-
-def test_a_partial_window_counts_for_no_alarm() -> None:
-    whole = diagnosis(1, severity=4.0)
-    assert observe(whole)
-    assert observe(whole.model_copy(update={"partial": True})) == {}
+@pytest.mark.parametrize(
+    ("changes", "levels"),
+    [
+        ({}, {"viscous": Level.DISTRESS, MODEL_ALARM: Level.NORMAL}),
+        # An uncertain severity counts as far as it is certain where the model does not fit.
+        (
+            {"model_adequate": False, "anomalies": {"viscous": UNCERTAIN}},
+            {"viscous": Level.WATCH, MODEL_ALARM: Level.WATCH},
+        ),
+        ({"verdict": "inconclusive", "model_adequate": False}, {MODEL_ALARM: Level.WATCH}),
+        ({"verdict": "inconclusive"}, {}),
+        ({"partial": True}, {}),
+    ],
+)
+def test_a_window_gives_levels_to_the_alarms_that_it_decides(
+    changes: dict[str, object], levels: dict[str, Level]
+) -> None:
+    assert observe(diagnosis(0, severity=2.0).model_copy(update=changes)) == levels
 
 
 # ---- the alarm of a monitor that does not report, in the history -----------------------------------------------------

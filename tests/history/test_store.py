@@ -1,6 +1,7 @@
 """The history on a real SQLite file."""
 
 import sqlite3
+from collections.abc import Iterator
 from itertools import permutations
 from pathlib import Path
 
@@ -11,7 +12,7 @@ from sqlalchemy import create_engine, text
 
 from rwa_monitor.errors import InputError
 from rwa_monitor.history.alarms import MODEL_ALARM, Level, advice
-from rwa_monitor.history.database import HistoryError
+from rwa_monitor.history.database import AlarmRecord, HistoryError
 from rwa_monitor.history.store import History
 from rwa_monitor.messages import Diagnosis
 from rwa_monitor.samples import SECONDS_PER_DAY
@@ -37,11 +38,8 @@ def test_what_was_acknowledged_is_kept_and_clears_when_normal(place: Path | str)
             history.acknowledge(1, "Ben")
     with History(place) as history:
         (alarm,) = history.alarms()
-        assert (alarm.phase, alarm.trail[-1].person, alarm.trail[-1].note) == (
-            "acknowledged",
-            "Ann",
-            "lubricant ordered",
-        )
+        line = alarm.trail[-1]
+        assert (alarm.phase, line.person, line.note) == ("acknowledged", "Ann", "lubricant ordered")
         history.add(*[diagnosis(n) for n in range(2, 5)])
         (alarm,) = history.alarms()
         assert alarm.closed_ns is not None
@@ -187,26 +185,26 @@ def test_a_stored_window_takes_the_place_of_the_one_before_it_and_a_live_one_nev
     assert estimate.active
 
 
+def in_any_order(history: History, *bad: int) -> Iterator[tuple[list[Diagnosis], list[AlarmRecord]]]:
+    """Add four stored windows, some of them bad, in each order; yields them with the open alarms that they leave."""
+    windows = [stored(number, severity=1.0 if number in bad else None) for number in range(4)]
+    for number, order in enumerate(permutations(windows)):
+        for window in order:
+            history.add(window.model_copy(update={"wheel": f"wheel_{number}"}))
+        yield windows, history.open_alarms("sat", f"wheel_{number}")
+
+
 def test_stored_windows_raise_an_alarm_of_their_own_with_their_times_in_whatever_order_they_come(
     history: History,
 ) -> None:
-    windows = [stored(n, severity=1.0 if n in (1, 2) else None) for n in range(4)]
-    for number, order in enumerate(permutations(windows)):
-        wheel = f"wheel_{number + 2}"
-        for window in order:
-            history.add(window.model_copy(update={"wheel": wheel}))
-        (alarm,) = history.open_alarms("sat", wheel)
+    for windows, (alarm,) in in_any_order(history, 1, 2):
         assert (alarm.name, alarm.level) in {("viscous (stored)", "warning"), ("viscous (stored)", "watch")}
         assert alarm.peak == "warning"
         assert alarm.raised_ns in {windows[1].window_end_ns, windows[2].window_end_ns}
 
 
 def test_one_bad_stored_window_among_good_ones_raises_none(history: History) -> None:
-    windows = [stored(n, severity=1.0 if n == 1 else None) for n in range(4)]
-    for number, order in enumerate(permutations(windows)):
-        for window in order:
-            history.add(window.model_copy(update={"wheel": f"wheel_{number}"}))
-    assert history.alarms() == []
+    assert all(alarms == [] for _, alarms in in_any_order(history, 1))
 
 
 def test_stored_windows_change_no_live_alarm(history: History) -> None:

@@ -18,7 +18,6 @@ import zenoh
 from benchmarks.references import SilentBus
 from rwa_monitor.dashboard.space_packets import UdpAddress
 from rwa_monitor.monitor.bus import SamplesPublisher
-from rwa_monitor.monitor.recorder import Recorder
 from rwa_monitor.monitor.recording import MAX_FILE_BYTES
 from rwa_monitor.monitor.replay import recover_state
 from rwa_monitor.monitor.service import Clock, Monitor, RunOptions, run
@@ -59,18 +58,16 @@ class Driven:
 
     def __post_init__(self) -> None:
         self.folder.mkdir(exist_ok=True)
-        run_options = RunOptions(setup=Setup(self.of_wheel, model=model()), record=self.folder, log_verdicts=False)
+        run_options = RunOptions(
+            setup=Setup(self.of_wheel, model=model()),
+            record=self.folder,
+            max_file_bytes=self.max_file_bytes,
+            max_record_bytes=self.max_record_bytes,
+            log_verdicts=False,
+        )
         past = recover_state(self.folder, run_options.setup, Event(), self.log_lines.append)
         clock = Clock(wall_ns=lambda: round(self.now_s * 1e9), monotonic_s=lambda: self.now_s)
-        self.recorder = Recorder(
-            self.folder,
-            attachments=run_options.setup.attachments(),
-            settings=run_options.settings(),
-            predecessor=past.predecessor,
-            wall_ns=clock.wall_ns,
-            max_file_bytes=self.max_file_bytes,
-            max_total_bytes=self.max_record_bytes,
-        )
+        self.recorder = run_options.recorder(self.folder, past.predecessor, clock.wall_ns)
         self.monitor = Monitor(run_options, self.bus, self.recorder, self.log_lines.append, clock)
         self.monitor.begin(past)
 

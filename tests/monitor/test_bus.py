@@ -2,15 +2,15 @@
 
 import json
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from contextlib import closing
+from operator import length_hint
 from pathlib import Path
 from threading import Thread
 from typing import Literal
 
 import pytest
 
-from rwa_monitor.errors import RwaMonitorError
 from rwa_monitor.monitor.backfill import MAX_ASKED, PAUSES_S, TIMEOUT_S, Arrival, Backfill, Inbox
 from rwa_monitor.monitor.bus import BusOptions, MonitorBus, messages_publisher, open_session, session_config
 from tests.monitor.processes import wait_for
@@ -24,36 +24,28 @@ def setting(options: BusOptions, key: str) -> object:
     return json.loads(session_config(options).get_json(key))
 
 
+def settings_of(options: BusOptions, *keys: str) -> list[object]:
+    return [setting(options, key) for key in keys]
+
+
 def test_nothing_listens_and_nothing_is_searched_for_by_default() -> None:
     options = BusOptions()
-    assert setting(options, "mode") == "peer"
-    assert setting(options, "listen/endpoints") == []
-    assert setting(options, "connect/endpoints") == []
-    assert setting(options, "scouting/multicast/enabled") is False
-    assert setting(options, "scouting/gossip/enabled") is False
-    assert setting(options, "transport/shared_memory/enabled") is False
+    assert settings_of(options, "mode", "listen/endpoints", "connect/endpoints") == ["peer", [], []]
+    scouting = ("scouting/multicast/enabled", "scouting/gossip/enabled", "transport/shared_memory/enabled")
+    assert settings_of(options, *scouting) == [False] * 3
     with open_session(options) as session:
         assert session.info.links() == []
 
 
 def test_options_and_a_configuration_file_count(tmp_path: Path) -> None:
-    file = tmp_path / "zenoh.json5"
+    file, keys = tmp_path / "zenoh.json5", ("mode", "connect/endpoints", "scouting/multicast/enabled")
     file.write_text(
         '{ mode: "client", connect: { endpoints: ["tcp/127.0.0.1:1"] }, scouting: { multicast: { enabled: true } } }'
     )
     options = BusOptions(config=file)
-    assert setting(options, "mode") == "client"
-    assert setting(options, "scouting/multicast/enabled") is True
-    assert setting(options, "listen/endpoints") == []
+    assert settings_of(options, *keys, "listen/endpoints") == ["client", ["tcp/127.0.0.1:1"], True, []]
     louder = BusOptions(config=file, mode="peer", connect=("tcp/127.0.0.1:2",), no_multicast_scouting=True)
-    assert setting(louder, "mode") == "peer"
-    assert setting(louder, "connect/endpoints") == ["tcp/127.0.0.1:2"]
-    assert setting(louder, "scouting/multicast/enabled") is False
-
-
-def test_a_bus_that_cannot_be_reached_is_reported() -> None:
-    with pytest.raises(RwaMonitorError, match=r"127\.0\.0\.1:1"):
-        open_session(BusOptions(mode="client", connect=("tcp/127.0.0.1:1",)))
+    assert settings_of(louder, *keys) == ["peer", ["tcp/127.0.0.1:2"], False]
 
 
 def test_a_full_inbox_drops_and_counts() -> None:
@@ -88,85 +80,79 @@ def test_a_full_inbox_slows_down_who_puts_and_loses_nothing() -> None:
 # ---- what was sent before the first message that came ----------------------------------------------------------
 
 
-class History:
-    """Publishers whose history is asked for; answers when the test lets it."""
+class Asking(Backfill):
+    """Closes gaps, with publishers that answer when the test lets them."""
 
-    def __init__(self) -> None:
+    def __init__(self, max_bytes: int = 1_000) -> None:
         self.asked: list[Question] = []
         self.now_s = 0.0
+        super().__init__(lambda *question: self.asked.append(question), max_bytes, lambda: self.now_s)
 
+    def drain(self, waiting: Iterable[Arrival] = ()) -> list[Arrival]:
+        """Return all that is passed on while messages wait in the inbox."""
+        left = iter(waiting)
+        return list(iter(lambda: self.take(lambda: next(left, None)), None))
 
-def asking(max_bytes: int = 1_000) -> tuple[History, Backfill]:
-    history = History()
-    return history, Backfill(lambda *question: history.asked.append(question), max_bytes, lambda: history.now_s)
+    def answer(self, place: int, found: Iterable[Arrival] = ()) -> None:
+        """Answer a question with messages."""
+        for message in found:
+            self.asked[place][2](message)
+        self.asked[place][3]()
 
 
 def arrivals(source: str, numbers: range) -> list[Arrival]:
     return [Arrival("key", b"payload", source, number) for number in numbers]
 
 
-def drained(backfill: Backfill, waiting: deque[Arrival]) -> list[Arrival]:
-    out = []
-    while (message := backfill.take(lambda: waiting.popleft() if waiting else None)) is not None:
-        out.append(message)
-    return out
-
-
-def answer(question: Question, *found: Arrival) -> None:
-    for message in found:
-        question[2](message)
-    question[3]()
-
-
 def test_a_publisher_that_appears_late_is_asked_for_what_it_sent_before_and_others_pass() -> None:
-    history, backfill = asking()
+    backfill = Asking()
     late, other = arrivals("late", range(8)), arrivals("other", range(2))
-    assert drained(backfill, deque([late[5], other[0], late[6], other[1]])) == other
-    ((before, first, found, finished),) = history.asked
+    assert backfill.drain([late[5], other[0], late[6], other[1]]) == other
+    ((before, first, found, finished),) = backfill.asked
     assert (before, first) == (late[5], 0)
     for message in (*late[3:5], *late[:4]):  # in any order, some twice
         found(message)
-    assert (drained(backfill, deque()), len(backfill)) == ([], 2)
+    assert (backfill.drain(), len(backfill)) == ([], 2)
     finished()
-    assert drained(backfill, deque([late[7]])) == late
-    assert len(history.asked) == 1
+    assert backfill.drain([late[7]]) == late
+    assert len(backfill.asked) == 1
     assert backfill.missed == {}
 
 
 def test_a_gap_is_asked_for_again_until_it_is_closed() -> None:
-    history, backfill = asking()
+    backfill = Asking()
     sent = arrivals("one", range(9))
-    assert drained(backfill, deque([*sent[:2], *sent[4:6], sent[8]])) == sent[:2]
-    answer(history.asked[0])  # with nothing: the connection is gone
-    assert drained(backfill, deque()) == []
-    history.now_s += PAUSES_S[0]
-    assert drained(backfill, deque()) == []
-    answer(history.asked[1], *sent[2:4])
-    assert drained(backfill, deque()) == sent[2:6]  # and the next gap is found
-    answer(history.asked[2], *sent[6:8])
-    assert drained(backfill, deque()) == sent[6:]
-    assert [(before.number, first) for before, first, _, _ in history.asked] == [(4, 2), (4, 2), (8, 6)]
+    assert backfill.drain([*sent[:2], *sent[4:6], sent[8]]) == sent[:2]
+    backfill.answer(0)  # with nothing: the connection is gone
+    assert backfill.drain() == []
+    backfill.now_s += PAUSES_S[0]
+    assert backfill.drain() == []
+    backfill.answer(1, sent[2:4])
+    assert backfill.drain() == sent[2:6]  # and the next gap is found
+    backfill.answer(2, sent[6:8])
+    assert backfill.drain() == sent[6:]
+    assert [(before.number, first) for before, first, _, _ in backfill.asked] == [(4, 2), (4, 2), (8, 6)]
 
 
 def test_what_a_publisher_no_longer_has_costs_a_wait_and_is_counted() -> None:
-    history, backfill = asking()
+    backfill = Asking()
     sent = arrivals("one", range(9))
-    out = drained(backfill, deque([sent[0], *sent[6:]]))
-    while history.now_s < 2.0 * (sum(PAUSES_S) + (len(PAUSES_S) + 1) * TIMEOUT_S):  # nobody answers
-        history.now_s += 0.1
-        out += drained(backfill, deque())
+    out = backfill.drain([sent[0], *sent[6:]])
+    while backfill.now_s < 2.0 * (sum(PAUSES_S) + (len(PAUSES_S) + 1) * TIMEOUT_S):  # nobody answers
+        backfill.now_s += 0.1
+        out += backfill.drain()
     assert out == [sent[0], *sent[6:]]
     assert backfill.missed == {"key": 5}
-    assert len(history.asked) == len(PAUSES_S) + 1
+    assert len(backfill.asked) == len(PAUSES_S) + 1
 
 
 def test_what_waits_for_a_history_is_bounded() -> None:
-    history, backfill = asking(20)
-    waiting = deque(arrivals("late", range(1, 100)))
-    assert drained(backfill, waiting) == []
-    assert len(waiting) == 96  # 3 messages of 7 bytes are more than 20
-    answer(history.asked[0], *arrivals("late", range(1)))
-    assert drained(backfill, waiting) == arrivals("late", range(100))
+    backfill = Asking(20)
+    waiting = iter(arrivals("late", range(1, 100)))
+    assert backfill.drain(waiting) == []
+    assert length_hint(waiting) == 96  # 3 messages of 7 bytes are more than 20
+    backfill.answer(0, arrivals("late", range(1)))
+    assert backfill.drain(waiting) == arrivals("late", range(100))
 
 
 def fleet_of(publishers: int, kept: int) -> dict[str, list[Arrival]]:
@@ -176,87 +162,86 @@ def fleet_of(publishers: int, kept: int) -> dict[str, list[Arrival]]:
 
 def test_of_a_fleet_a_few_publishers_are_asked_at_a_time_and_no_more_while_answers_lie_here() -> None:
     kept = 20
-    history, backfill = asking(500 * len(b"payload"))  # fewer than that many publishers keep
+    backfill = Asking(500 * len(b"payload"))  # fewer than that many publishers keep
     fleet = fleet_of(200, kept)
-    out = drained(backfill, deque(sent[kept] for sent in fleet.values()))
+    out = backfill.drain(sent[kept] for sent in fleet.values())
     answered = 0
     while len(out) < 200 * (kept + 1):
-        asked = history.asked[answered:]
+        asked = backfill.asked[answered:]
         assert 0 < len(asked) <= MAX_ASKED
-        for question in asked:
-            answer(question, *fleet[question[0].source][question[1] : kept])
-        answered += len(asked)
+        for before, first, *_ in asked:
+            backfill.answer(answered, fleet[before.source][first:kept])
+            answered += 1
         for _ in range(2 * kept):  # what two of them kept; the others' answers are still here
-            message = backfill.take(lambda: None)
-            out.append(message)
-        assert len(history.asked) == answered
-        out += drained(backfill, deque())
+            out.append(backfill.take(lambda: None))
+        assert len(backfill.asked) == answered
+        out += backfill.drain()
     assert {source: [one for one in out if one.source == source] for source in fleet} == fleet
     assert (answered, backfill.missed, len(backfill)) == (200, {}, 0)
 
 
 def test_a_publisher_is_asked_also_while_messages_of_others_flow() -> None:
-    history, backfill = asking()
+    backfill = Asking()
     late, flowing = arrivals("late", range(3)), deque(arrivals("other", range(100)))
     flowing.insert(1, late[2])
     for _ in range(3):
         assert backfill.take(flowing.popleft) is not None
-    assert [before.source for before, *_ in history.asked] == ["late"]
+    assert [before.source for before, *_ in backfill.asked] == ["late"]
 
 
 def test_publishers_that_do_not_answer_let_others_be_asked() -> None:
-    history, backfill = asking(10_000)
+    backfill = Asking(10_000)
     fleet = fleet_of(3 * MAX_ASKED, 1)
-    assert drained(backfill, deque(sent[1] for sent in fleet.values())) == []
-    assert len(history.asked) == MAX_ASKED
-    history.now_s += TIMEOUT_S
-    assert drained(backfill, deque()) == []
-    assert {before.source for before, *_ in history.asked} == set(list(fleet)[: 2 * MAX_ASKED])
+    assert backfill.drain(sent[1] for sent in fleet.values()) == []
+    assert len(backfill.asked) == MAX_ASKED
+    backfill.now_s += TIMEOUT_S
+    assert backfill.drain() == []
+    assert {before.source for before, *_ in backfill.asked} == set(list(fleet)[: 2 * MAX_ASKED])
 
 
 def test_what_could_not_be_read_may_be_followed_by_a_gap_that_was_found_before() -> None:
-    history, backfill = asking()
+    backfill = Asking()
     sent = arrivals("one", range(9))
-    assert drained(backfill, deque([*sent[2:5], sent[7]])) == []
-    answer(history.asked[0], *sent[:2])
+    assert backfill.drain([*sent[2:5], sent[7]]) == []
+    backfill.answer(0, sent[:2])
     # The first is read while those after it lie ready, and the next gap is known.
     assert backfill.take(lambda: None) == sent[0]
     assert backfill.ask_again(sent[0])
-    assert drained(backfill, deque([sent[8]])) == []
-    answer(history.asked[-1], sent[0])
-    out = drained(backfill, deque())
+    assert backfill.drain([sent[8]]) == []
+    backfill.answer(-1, sent[:1])
+    out = backfill.drain()
     assert out == [sent[0]._replace(again=True), *sent[1:5]]
-    answer(history.asked[-1], *sent[5:7])
-    assert drained(backfill, deque()) == sent[5:]
+    backfill.answer(-1, sent[5:7])
+    assert backfill.drain() == sent[5:]
     assert (len(backfill), backfill.missed) == (0, {})
 
 
 @pytest.mark.parametrize("answers", ["nobody", "without it", "as bad"])
 def test_what_cannot_be_read_twice_is_given_out_as_it_is_and_its_publisher_not_asked_again(answers: str) -> None:
-    history, backfill = asking()
+    backfill = Asking()
     sent = arrivals("one", range(5))
-    assert drained(backfill, deque(sent[:2])) == sent[:2]
+    assert backfill.drain(sent[:2]) == sent[:2]
     assert backfill.ask_again(sent[1])
     if answers == "nobody":
-        history.now_s += TIMEOUT_S
+        backfill.now_s += TIMEOUT_S
     else:
-        answer(history.asked[0], *([sent[1]] if answers == "as bad" else []))
-    out = drained(backfill, deque([sent[2]]))
+        backfill.answer(0, [sent[1]] if answers == "as bad" else [])
+    out = backfill.drain([sent[2]])
     assert out == [sent[1]._replace(again=True), sent[2]]
     assert not backfill.ask_again(out[0])
     assert not backfill.ask_again(out[1])
-    assert drained(backfill, deque(sent[3:])) == sent[3:]
-    assert (len(history.asked), backfill.missed) == (1, {})
+    assert backfill.drain(sent[3:]) == sent[3:]
+    assert (len(backfill.asked), backfill.missed) == (1, {})
 
 
 def test_one_that_comes_again_and_cannot_be_read_does_not_let_all_after_it_be_asked_for() -> None:
-    history, backfill = asking()
+    backfill = Asking()
     sent = arrivals("one", range(8))
-    assert drained(backfill, deque(sent[:6])) == sent[:6]
+    assert backfill.drain(sent[:6]) == sent[:6]
     assert backfill.ask_again(sent[1])
-    answer(history.asked[0], sent[1])
-    assert drained(backfill, deque(sent[6:])) == [sent[1]._replace(again=True), *sent[6:]]
-    assert (len(history.asked), backfill.missed) == (1, {})
+    backfill.answer(0, [sent[1]])
+    assert backfill.drain(sent[6:]) == [sent[1]._replace(again=True), *sent[6:]]
+    assert (len(backfill.asked), backfill.missed) == (1, {})
 
 
 def test_a_bus_whose_inbox_overflows_gets_everything_in_the_end() -> None:

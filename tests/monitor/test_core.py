@@ -52,7 +52,7 @@ def test_a_damaged_checkpoint_is_refused(place: tuple[str | int, ...], value: ob
     core = WheelCore(wheel(), model())
     core.feed(telemetry(1_500))
     core.feed(telemetry(3_000)[1_500:2_100], data="stored")
-    content = within = json.loads(core.checkpoint().to_json())
+    content = within = json.loads(core.checkpoint())
     for step in place[:-1]:
         within = within[step]
     within[place[-1]] = value
@@ -67,7 +67,7 @@ def test_a_checkpoint_keeps_the_messages_that_wait() -> None:
     for number in (0, 2, 3):
         core.feed(parts[number], "p", number)
     core.feed(parts[1], "other", 0)
-    again = resumed(core.checkpoint().to_json(), wheel())
+    again = resumed(core.checkpoint(), wheel())
     assert again.counts == core.counts
     again.feed(parts[1], "p", 1)
     assert (again.counts.used, again.counts.rejected) == (400, 100)
@@ -80,24 +80,19 @@ def closed(events: list[object]) -> list[WindowDiagnosed]:
     return [event for event in events if isinstance(event, WindowDiagnosed)]
 
 
-def test_a_window_closes_when_a_sample_beyond_it_comes() -> None:
-    samples = telemetry(WINDOW + 1)
+# The Savitzky-Golay window of 2 s reaches 8 slots to either side at 8 Hz. The first slots have too few samples before
+# them: a parabola through two less than 17 is still enough.
+@pytest.mark.parametrize(("given", "stencil", "coverage"), [(True, 0, 1.0), (False, 8, (WINDOW - 6) / WINDOW)])
+def test_a_window_closes_when_a_sample_beyond_it_and_the_stencil_comes(
+    given: bool, stencil: int, coverage: float
+) -> None:
+    samples = telemetry(WINDOW + 20, given=given)
     core = WheelCore(wheel(), model())
-    assert closed(core.feed(samples[:WINDOW])) == []
-    (event,) = closed(core.feed(samples[WINDOW:]))
+    assert closed(core.feed(samples[: WINDOW + stencil])) == []
+    (event,) = closed(core.feed(samples[WINDOW + stencil : WINDOW + stencil + 1]))
     window = event.diagnosis
     assert (window.window_start_ns, window.window_end_ns, window.partial) == (0, WINDOW * 125_000_000, False)
-    assert event.diagnosis.samples == WINDOW
-
-
-def test_a_window_of_derived_friction_waits_for_the_stencil() -> None:
-    # The Savitzky-Golay window of 2 s reaches 8 slots to either side at 8 Hz.
-    samples = telemetry(WINDOW + 20, given=False)
-    core = WheelCore(wheel(), model())
-    assert closed(core.feed(samples[: WINDOW + 8])) == []
-    (event,) = closed(core.feed(samples[WINDOW + 8 : WINDOW + 9]))
-    # The first slots have too few samples before them: a parabola through two less than 17 is still enough.
-    assert event.diagnosis.coverage == (WINDOW - 6) / WINDOW
+    assert (window.samples, window.coverage) == (WINDOW, coverage)
 
 
 def test_the_last_window_is_partial_unless_it_is_full() -> None:
@@ -115,14 +110,17 @@ def test_of_overlapping_windows_the_last_partial_one_holds_all_that_is_left() ->
     assert events[-1].diagnosis.samples == 2 * WINDOW + 100 - 3 * WINDOW // 2
 
 
+def diagnosed(samples: Samples) -> list[tuple[str, bytes]]:
+    return messages_of(list(diagnose_samples(samples, wheel(), model())))
+
+
 def test_jitter_of_less_than_half_a_slot_does_not_matter() -> None:
     samples = telemetry(1_500)
     rng = np.random.default_rng(2)
     jitter = rng.integers(-50_000_000, 50_000_000, len(samples))
     jitter[0] = 0
     moved = Samples(samples.time_ns + jitter, samples.speed_rad_s, samples.friction_torque_Nm)
-    plain = messages_of(list(diagnose_samples(samples, wheel(), model())))
-    assert messages_of(list(diagnose_samples(moved, wheel(), model()))) == plain
+    assert diagnosed(moved) == diagnosed(samples)
 
 
 # ---- what friction comes from ----------------------------------------------------------------------------------------
@@ -133,8 +131,7 @@ def test_motor_torque_serves_as_well_as_current() -> None:
     constant = wheel().torque_constant_Nm_A
     torque = Samples(samples.time_ns, samples.speed_rad_s, motor_torque_Nm=constant * samples.motor_current_A)
     current = Samples(samples.time_ns, samples.speed_rad_s, motor_current_A=samples.motor_current_A)
-    plain = messages_of(list(diagnose_samples(current, wheel(), model())))
-    assert messages_of(list(diagnose_samples(torque, wheel(), model()))) == plain
+    assert diagnosed(torque) == diagnosed(current)
 
 
 def test_a_message_that_lacks_the_channel_is_masked_and_reported_once() -> None:

@@ -10,7 +10,7 @@ import pytest
 from mcap.reader import make_reader
 
 from rwa_monitor.errors import InputError
-from rwa_monitor.messages import Diagnosis, EncodedMessage, Health, HealthAlarm, health_message
+from rwa_monitor.messages import Diagnosis, EncodedMessage, HealthAlarm, Message, health_message
 from rwa_monitor.monitor.recorder import write_foxglove
 from rwa_monitor.monitor.recording import read_recording
 from rwa_monitor.reporting.foxglove import Seen, Translator, layout, schemas
@@ -133,15 +133,20 @@ def recorded_diagnosis() -> Diagnosis:
     return read_recording(REPLAY / "dry" / "rwa-000001.mcap").parsed(Diagnosis)[0]
 
 
+def logged(translator: Translator, message: Message, key: str = KEY) -> list[tuple[int, str]]:
+    """Return level and text of the lines of the log for a message."""
+    views = translator.translate(f"{key}/{message.kind}", message.to_json())
+    lines = [json.loads(view.payload) for view in views if view.schema == "foxglove.Log"]
+    return [(line["level"], line["message"]) for line in lines]
+
+
 def test_each_change_of_an_alarm_is_a_line() -> None:
     active = HealthAlarm(level="distress", phase="active", acknowledged_by=None)
     seen = HealthAlarm(level="distress", phase="acknowledged", acknowledged_by="Ada")
-    translator, lines = Translator(), []
-    for alarms in ({"dry": active}, {"dry": active}, {"dry": seen}, {}):
-        health = health_message(recorded_diagnosis()).model_copy(update={"alarm_states": alarms})
-        views = translator.translate(f"{KEY}/{Health.kind}", health.to_json())
-        lines += [json.loads(view.payload) for view in views if view.schema == "foxglove.Log"]
-    assert [(line["level"], line["message"]) for line in lines] == [
+    translator, health = Translator(), health_message(recorded_diagnosis())
+    states = ({"dry": active}, {"dry": active}, {"dry": seen}, {})
+    changes = [health.model_copy(update={"alarm_states": alarms}) for alarms in states]
+    assert [line for change in changes for line in logged(translator, change)] == [
         (4, "Alarm dry: distress, active."),
         (4, "Alarm dry: distress, acknowledged by Ada."),
         (2, "Alarm dry: closed."),
@@ -151,18 +156,9 @@ def test_each_change_of_an_alarm_is_a_line() -> None:
 def test_a_window_that_is_not_live_is_no_error_in_the_log() -> None:
     bad = recorded_diagnosis().model_copy(update={"verdict": "anomalous", "reason": "It is."})
     late = bad.model_copy(update={"data": "stored"})
-    for key, message, expected in (
-        (KEY, bad, (4, "It is.")),
-        (KEY, late, (2, "stored data: It is.")),
-        (f"{KEY}@replay", bad, (2, "replayed data: It is.")),
-    ):
-        (view,) = (
-            view
-            for view in Translator().translate(f"{key}/{Diagnosis.kind}", message.to_json())
-            if view.schema == "foxglove.Log"
-        )
-        line = json.loads(view.payload)
-        assert (line["level"], line["message"]) == expected
+    assert logged(Translator(), bad) == [(4, "It is.")]
+    assert logged(Translator(), late) == [(2, "stored data: It is.")]
+    assert logged(Translator(), bad, f"{KEY}@replay") == [(2, "replayed data: It is.")]
 
 
 def test_a_topic_with_other_signs_stands_in_quotes() -> None:

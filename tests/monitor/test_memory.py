@@ -10,7 +10,8 @@ from pathlib import Path
 from threading import Event
 
 from rwa_monitor.messages import MAX_WHEELS, PERIOD_S, samples_json
-from rwa_monitor.monitor.bus import IDLE_WAIT_S, BusOptions, MonitorBus, open_session
+from rwa_monitor.monitor.backfill import Arrival
+from rwa_monitor.monitor.bus import BusOptions, MonitorBus, open_session
 from rwa_monitor.monitor.recorder import MAX_FILE_AGE_S
 from rwa_monitor.monitor.recording import MAX_FLEET_FILE_BYTES, read_recording, recordings_of
 from rwa_monitor.monitor.replay import recover_state
@@ -38,7 +39,7 @@ class Sending(Driven):
             shift_ns = turn * slots * wheel().period_ns
             for place in range(wheels):
                 payload = samples_json(replace(part, time_ns=part.time_ns + shift_ns), "p", number)
-                self.monitor.receive(f"rwa/sat/wheel_{place}/samples", payload)
+                self.monitor.receive(Arrival(f"rwa/sat/wheel_{place}/samples", payload))
                 self.sent_bytes += len(payload)
             self.now_s += PERIOD_S
             self.monitor.tick()
@@ -73,7 +74,7 @@ def taken(folder: Path, wheels: int) -> tuple[int, int, int]:
         driver.now_s += MAX_FILE_AGE_S
         with traced():
             for _ in range(wheels + 1):
-                driver.now_s += IDLE_WAIT_S
+                driver.now_s += PERIOD_S
                 driver.monitor.tick()
             new_file = tracemalloc.get_traced_memory()[1]
         assert len(recordings_of(folder)) == 2

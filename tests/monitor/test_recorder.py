@@ -7,29 +7,24 @@ import zlib
 from collections.abc import Callable, Iterator
 from itertools import pairwise
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
 from rwa_monitor.messages import MAX_WHEELS, Diagnosis, EncodedMessage
-from rwa_monitor.monitor import recorder as recorder_module
-from rwa_monitor.monitor.recorder import MAX_FILE_AGE_S, Recorder, RecordingWriter, recover
+from rwa_monitor.monitor.recorder import Recorder, RecordingWriter, recover
 from rwa_monitor.monitor.recording import file_sha256, read_recording, recordings_of
 from tests.monitor.recordings import TOPICS
 
 Checkpoints = dict[str, Callable[[], bytes]]
 
 
-def recorder(folder: Path, max_file_bytes: int = 10**7, max_total_bytes: int | None = None) -> Recorder:
-    return Recorder(
-        folder,
-        attachments={},
-        settings={"wheels": "rwa/*/*/samples"},
-        predecessor=None,
-        wall_ns=lambda: 1,
-        max_file_bytes=max_file_bytes,
-        max_total_bytes=max_total_bytes,
-    )
+def begun(folder: Path, checkpoints: Checkpoints | None = None, **options: Any) -> Recorder:
+    """Return a recorder that has begun a file."""
+    made = Recorder(folder, attachments={}, settings={}, predecessor=None, wall_ns=lambda: 1, **options)
+    made.begin(checkpoints or {}, now_s=0.0)
+    return made
 
 
 def fed(writing: Recorder, messages: int, size: int, checkpoints: Checkpoints | None = None) -> Iterator[int]:
@@ -43,8 +38,7 @@ def fed(writing: Recorder, messages: int, size: int, checkpoints: Checkpoints | 
 
 
 def test_a_second_is_all_that_is_not_on_the_disk(tmp_path: Path) -> None:
-    writing = recorder(tmp_path)
-    writing.begin({}, now_s=0.0)
+    writing = begun(tmp_path)
     for second in range(3):
         writing.write(EncodedMessage(TOPICS[0], "rwa.Samples", b"%d" % second, second))
         writing.maintain(second + 1.0, dict)
@@ -56,8 +50,7 @@ def test_a_second_is_all_that_is_not_on_the_disk(tmp_path: Path) -> None:
 
 
 def test_files_follow_each_other_with_name_and_hash(tmp_path: Path) -> None:
-    writing = recorder(tmp_path, max_file_bytes=20_000)
-    writing.begin({"sat/a": lambda: b'{"n":0}'}, now_s=0.0)
+    writing = begun(tmp_path, {"sat/a": lambda: b'{"n":0}'}, max_file_bytes=20_000)
     assert len(list(fed(writing, 100, 1_000, {"sat/a": lambda: b'{"n":1}'}))) == 100
     files = recordings_of(tmp_path)
     assert len(files) > 3
@@ -68,35 +61,19 @@ def test_files_follow_each_other_with_name_and_hash(tmp_path: Path) -> None:
     assert sum(len(read_recording(path).messages) for path in files) == 100
 
 
-def test_while_inputs_wait_the_wheels_come_over_more_slowly(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(recorder_module, "PIECE_BYTES", 1)
-    writing = recorder(tmp_path)
-    wheels = {f"sat/{number}": lambda: b"{}" for number in range(8)}
-    writing.begin(wheels, now_s=0.0)
-    turns = []
-    for number in range(60):
-        writing.maintain(MAX_FILE_AGE_S + 1.0 + 0.1 * number, lambda: wheels, busy=number < 20)
-        turns.append(read_recording(recordings_of(tmp_path)[-1]).settings()["checkpoints"])
-    # The first at once, then one in five turns; from the twentieth turn on one in each.
-    assert turns == ["some"] * (20 + 3) + ["all"] * (60 - 23)
-    writing.close(MAX_FILE_AGE_S + 10.0)
-
-
 def test_a_recording_ends_when_it_is_old_and_the_next_one_goes_on(tmp_path: Path) -> None:
-    writing = recorder(tmp_path)
-    writing.begin({}, now_s=5.0)
+    writing = begun(tmp_path)
     for hour in range(60):
         writing.write(EncodedMessage(TOPICS[0], "rwa.Samples", b"%d" % hour, hour))
-        writing.maintain(5.0 + 3_600.0 * hour, dict)
-    writing.close(5.0 + 3_600.0 * 60)
+        writing.maintain(3_600.0 * hour, dict)
+    writing.close(3_600.0 * 60)
     held = [[int(message.payload) for message in read_recording(path).messages] for path in recordings_of(tmp_path)]
     assert held == [list(range(26)), list(range(26, 51)), list(range(51, 60))]
 
 
 def test_the_oldest_files_are_deleted_to_keep_a_limit(tmp_path: Path) -> None:
     limit = 3_000_000
-    writing = recorder(tmp_path, max_file_bytes=200_000, max_total_bytes=limit)
-    writing.begin({}, now_s=0.0)
+    writing = begun(tmp_path, max_file_bytes=200_000, max_total_bytes=limit)
     for _ in fed(writing, 400, 20_000):
         assert sum(path.stat().st_size for path in recordings_of(tmp_path)) <= limit
     kept = [message.payload for path in recordings_of(tmp_path) for message in read_recording(path).messages]
@@ -106,16 +83,15 @@ def test_the_oldest_files_are_deleted_to_keep_a_limit(tmp_path: Path) -> None:
 
 
 def test_checkpoints_larger_than_a_file_should_be_do_not_fill_the_disk_alone(tmp_path: Path) -> None:
-    writing = recorder(tmp_path, max_file_bytes=20_000)
     checkpoints = {"sat/a": lambda: b"0" * 100_000}
-    writing.begin(checkpoints, now_s=0.0)
+    writing = begun(tmp_path, checkpoints, max_file_bytes=20_000)
     assert len(list(fed(writing, 400, 1_000, checkpoints))) == 400
     assert 2 <= len(recordings_of(tmp_path)) <= 5
 
 
 def test_a_file_that_was_being_begun_when_the_power_went_is_not_in_the_way(tmp_path: Path) -> None:
     (tmp_path / "rwa-000007.mcap.part").write_bytes(b"half a header")
-    writing = recorder(tmp_path)
+    writing = Recorder(tmp_path, attachments={}, settings={}, predecessor=None, wall_ns=lambda: 1)
     writing.begin({}, now_s=0.0, inherited=[EncodedMessage(TOPICS[0], Diagnosis.schema_name(), b"owed", 3)])
     writing.abandon()  # as a crash right after the beginning
     (path,) = recordings_of(tmp_path)
@@ -125,8 +101,7 @@ def test_a_file_that_was_being_begun_when_the_power_went_is_not_in_the_way(tmp_p
 
 
 def test_refused_messages_on_ever_new_keys_do_not_fill_the_recording_with_topics(tmp_path: Path) -> None:
-    writing = recorder(tmp_path)
-    writing.begin({}, now_s=0.0)
+    writing = begun(tmp_path)
     for number in range(MAX_WHEELS + 200):
         writing.refused(f"rwa/x/{number}/samples", b"?")
     writing.close(1.0)
@@ -189,13 +164,8 @@ DISK_FULL = """
 
 
 def test_a_failing_disk_is_reported_survived_and_used_again_when_it_works(tmp_path: Path) -> None:
-    result = subprocess.run(
-        [sys.executable, "-c", textwrap.dedent(DISK_FULL), str(tmp_path)],
-        capture_output=True,
-        text=True,
-        timeout=60,
-        check=False,
-    )
+    words = [sys.executable, "-c", textwrap.dedent(DISK_FULL), str(tmp_path)]
+    result = subprocess.run(words, capture_output=True, text=True, timeout=60, check=False)
     assert result.stdout == "done\n", result.stderr
     first, second = recordings_of(tmp_path)
     assert 20 < len(read_recording(first).messages) < 60
@@ -210,9 +180,7 @@ KILLED = """
     from rwa_monitor.messages import EncodedMessage
     from rwa_monitor.monitor.recorder import Recorder
 
-    recorder = Recorder(
-        Path(sys.argv[1]), attachments={}, settings={}, predecessor=None, wall_ns=time.time_ns
-    )
+    recorder = Recorder(Path(sys.argv[1]), attachments={}, settings={}, predecessor=None, wall_ns=time.time_ns)
     recorder.begin({}, time.monotonic())
     for number in count():
         recorder.write(EncodedMessage("rwa/a/b/samples", "rwa.Samples", b"%d" % number, number))

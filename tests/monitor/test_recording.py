@@ -12,7 +12,6 @@ from rwa_monitor.messages import EncodedMessage
 from rwa_monitor.monitor import recording as recording_module
 from rwa_monitor.monitor.recorder import RecordingWriter, recover
 from rwa_monitor.monitor.recording import (
-    Recording,
     read_recording,
     recordings_of,
 )
@@ -60,21 +59,6 @@ def test_read_in_small_pieces_a_recording_is_the_same_also_cut_and_damaged(
                 patched.setattr(recording_module, "PIECE_BYTES", piece_bytes)
                 again = read_recording(path)
                 assert (again.messages, again.problems) == (expected.messages, expected.problems)
-
-
-def test_telemetry_that_is_packed_well_is_read_again_where_it_is_not_kept(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """A fleet at rest: its recording was refused after a restart, for what it unpacks to."""
-    path = tmp_path / "rest.mcap"
-    writer = RecordingWriter(path, (), lambda: 7)
-    for number in range(1_000):
-        writer.write(EncodedMessage(TOPICS[0], "rwa.Samples", number.to_bytes(4, "big") * 50, number))
-    writer.close()
-    monkeypatch.setattr(recording_module, "MAX_WORK_BYTES", 0)  # so that the share of the size counts
-    with pytest.raises(InputError, match="asks for more than"):
-        read_recording(path)
-    assert sum(isinstance(part, EncodedMessage) for part in Recording(path).parts()) == 1_000
 
 
 @pytest.mark.parametrize("content", [b"", b"\x89MCAP", b"time_s,speed_rad_s\n", bytes(100)])
@@ -180,7 +164,6 @@ def test_a_recording_too_large_to_be_read_whole_is_replayed_and_recovered(
     path = Path("replay") / "nominal" / "rwa-000001.mcap"
     expected = replay(path)
     monkeypatch.setattr(recording_module, "MAX_WORK_BYTES", 0)
-    monkeypatch.setattr(recording_module, "MAX_WORK_SHARE", 1)
     with pytest.raises(InputError, match="copied and unpacked"):
         read_recording(path)
     assert replay(path) == expected
@@ -188,11 +171,3 @@ def test_a_recording_too_large_to_be_read_whole_is_replayed_and_recovered(
     recovery = recover(path, tmp_path / "saved.mcap")
     assert not recovery.problems
     assert replay(tmp_path / "saved.mcap").messages == expected.messages
-
-
-def test_recover_overwrites_nothing(whole: tuple[Path, list[bytes]]) -> None:
-    path, _ = whole
-    before = path.read_bytes()
-    with pytest.raises(InputError, match="exists already"):
-        recover(path, path)
-    assert path.read_bytes() == before

@@ -144,13 +144,6 @@ AROUND = st.lists(
 Around = list[tuple[str, list[Any] | dict[str, Any]]]
 
 
-def compare(recorded: list[EncodedMessage], replayed: list[EncodedMessage]) -> Report:
-    """Return what a comparison finds."""
-    report = Report()
-    report.compare(recorded, replayed)
-    return report
-
-
 def within(leaf: Any, around: Around) -> tuple[str, Any]:
     """Return the path of a leaf, and the content that it lies in."""
     path = []
@@ -185,28 +178,35 @@ def test_whole_numbers_are_exact() -> None:
     assert list(differences({"time_ns": 10**18}, {"time_ns": 10**18 + 1})) == [("time_ns", 10**18, 10**18 + 1)]
 
 
-def test_length_order_and_type_are_compared_before_content() -> None:
-    one = EncodedMessage("rwa/a/b/diagnosis", "rwa.Diagnosis", b"{}")
-    two = EncodedMessage("rwa/a/b/changepoints", "rwa.Changepoints", b"{}")
-    assert compare([one, two], [one, two]).differences == []
-    assert compare([one, two], [one]).fields == {"length": 1}
-    swapped = compare([one, two], [two, one])
-    assert swapped.fields == {"type": 1}
-    assert sum(swapped.compared.values()) == 0
+DIAGNOSIS = EncodedMessage("rwa/a/b/diagnosis", "rwa.Diagnosis", b'{"a":1.0}')
+JUMPS = EncodedMessage("rwa/a/b/changepoints", "rwa.Changepoints", b"{}")
+HASHES = b'{"provenance":{"prior_sha256":"a","wheel_sha256":"w"},"value":1.0}'
 
 
-def test_equal_content_in_other_bytes_is_equal_but_not_in_bytes() -> None:
-    left, right = EncodedMessage("k", "s", b'{"a":1.0}'), EncodedMessage("k", "s", b'{"a": 1.00}')
-    result = compare([left], [right])
-    assert result.differences == []
-    assert not result.bytes_equal
-    assert compare([left], [left]).bytes_equal
-
-
-def test_a_hash_of_floats_may_differ_where_the_floats_agree() -> None:
-    left = EncodedMessage("k", "s", b'{"provenance":{"prior_sha256":"a","wheel_sha256":"w"},"value":1.0}')
-    right = EncodedMessage("k", "s", b'{"provenance":{"prior_sha256":"b","wheel_sha256":"w"},"value":1.0000000000001}')
-    assert compare([left], [right]).differences == []
-    assert not compare([left], [right]).bytes_equal
-    other = EncodedMessage("k", "s", right.payload.replace(b'"w"', b'"v"'))
-    assert compare([left], [other]).fields == {"provenance.wheel_sha256": 1}
+@pytest.mark.parametrize(
+    ("recorded", "replayed", "fields", "compared", "bytes_equal"),
+    [
+        ([DIAGNOSIS, JUMPS], [DIAGNOSIS, JUMPS], {}, 2, True),
+        ([DIAGNOSIS, JUMPS], [DIAGNOSIS], {"length": 1}, 1, False),
+        ([DIAGNOSIS, JUMPS], [JUMPS, DIAGNOSIS], {"type": 1}, 0, False),
+        ([DIAGNOSIS], [DIAGNOSIS._replace(payload=b'{"a": 1.00}')], {}, 1, False),
+        # A hash of floats may differ where the floats agree.
+        *(
+            ([DIAGNOSIS._replace(payload=HASHES)], [DIAGNOSIS._replace(payload=other)], fields, 1, False)
+            for other, fields in (
+                (HASHES.replace(b'"a"', b'"b"').replace(b"1.0", b"1.0000000000001"), {}),
+                (HASHES.replace(b'"w"', b'"v"'), {"provenance.wheel_sha256": 1}),
+            )
+        ),
+    ],
+)
+def test_length_order_type_content_and_bytes_are_compared(
+    recorded: list[EncodedMessage],
+    replayed: list[EncodedMessage],
+    fields: dict[str, int],
+    compared: int,
+    bytes_equal: bool,
+) -> None:
+    report = Report()
+    report.compare(recorded, replayed)
+    assert (report.fields, sum(report.compared.values()), report.bytes_equal) == (fields, compared, bytes_equal)

@@ -15,6 +15,7 @@ import pytest
 
 from rwa_monitor.messages import samples_json
 from rwa_monitor.monitor import recorder as recorder_module
+from rwa_monitor.monitor.backfill import Arrival
 from rwa_monitor.monitor.recorder import MAX_FILE_AGE_S
 from rwa_monitor.monitor.recording import read_chain, read_recording, recordings_of
 from rwa_monitor.monitor.replay import replay
@@ -24,7 +25,7 @@ from tests.monitor.support import WINDOW, batch_diagnoses, recorded, telemetry, 
 WHEELS: Final = ("wheel_1", "wheel_2", "wheel_3", "wheel_4")
 BATCH: Final = 128  # samples of a message
 SLOTS: Final = 3 * WINDOW
-TICK_S: Final = 0.12  # of the monitor's clock, between two messages
+TICK_S: Final = 1.0  # of the monitor's clock, between two messages
 
 
 @cache
@@ -53,13 +54,15 @@ class Run(Driven):
     def take(self, sent: list[tuple[str, bytes]]) -> None:
         """Take messages."""
         for key, payload in sent:
-            self.monitor.receive(key, payload)
+            self.monitor.receive(Arrival(key, payload))
             self.now_s += TICK_S
             self.monitor.tick()
 
-    def rotate(self) -> None:
-        """Let the recording be so old with the next message that the next one is begun."""
+    def rotate(self, begun: int, stop: int, start: int = 0) -> None:
+        """Take messages up to `begun`, with which the recording is so old that the next one is begun, and to `stop`."""
+        self.take(messages()[start:begun])
         self.now_s += MAX_FILE_AGE_S
+        self.take(messages()[begun:stop])
 
     def killed(self, name: str) -> Path:
         """Return a folder with what is on the disk now; this run goes on."""
@@ -110,8 +113,7 @@ def go_on(run: Run) -> Run:
 @pytest.mark.parametrize("begun", [21, 58])
 def test_a_kill_while_the_wheels_come_over_loses_nothing(tmp_path: Path, start: type[Run], begun: int) -> None:
     run = start(tmp_path / "run")
-    run.take(messages()[:begun])
-    run.rotate()
+    run.rotate(begun, begun)
     crashed = []
     for place in range(begun, begun + len(WHEELS) + 1):
         run.take(messages()[place : place + 1])
@@ -126,13 +128,9 @@ def test_a_kill_while_the_wheels_come_over_loses_nothing(tmp_path: Path, start: 
 
 def test_a_second_kill_while_the_wheels_come_over_loses_nothing(tmp_path: Path, start: type[Run]) -> None:
     run = start(tmp_path / "run")
-    run.take(messages()[:30])
-    run.rotate()
-    run.take(messages()[30:32])
+    run.rotate(30, 32)
     run = start(run.killed("once"))
-    run.take(messages()[:33])
-    run.rotate()
-    run.take(messages()[33:36])
+    run.rotate(33, 36)
     twice = run.killed("twice")
     assert is_between(twice)
     go_on(start(twice))
@@ -142,9 +140,7 @@ def test_a_second_kill_while_the_wheels_come_over_loses_nothing(tmp_path: Path, 
 
 def test_a_stop_while_the_wheels_come_over_leaves_two_files_that_go_together(tmp_path: Path, start: type[Run]) -> None:
     run = start(tmp_path / "run")
-    run.take(messages()[:50])
-    run.rotate()
-    run.take(messages()[50:52])
+    run.rotate(50, 52)
     run.monitor.close()
     assert is_between(run.folder)
     assert all(recording.finished for recording in read_chain(run.folder))
@@ -157,9 +153,7 @@ def test_a_stop_while_the_wheels_come_over_leaves_two_files_that_go_together(tmp
 
 def test_what_a_power_cut_takes_of_the_file_that_is_begun_comes_again(tmp_path: Path, start: type[Run]) -> None:
     run = start(tmp_path / "run")
-    run.take(messages()[:45])
-    run.rotate()
-    run.take(messages()[45:46])
+    run.rotate(45, 46)
     begun = recordings_of(run.folder)[-1].stat().st_size
     run.take(messages()[46:48])
     run.recorder.sync(run.now_s)
@@ -176,9 +170,7 @@ def test_what_a_power_cut_takes_of_the_file_that_is_begun_comes_again(tmp_path: 
 
 def test_a_checkpoint_damaged_while_the_wheels_come_over_costs_nothing(tmp_path: Path, start: type[Run]) -> None:
     run = start(tmp_path / "run")
-    run.take(messages()[:45])
-    run.rotate()
-    run.take(messages()[45:48])
+    run.rotate(45, 48)
     run.recorder.sync(run.now_s)
     path = recordings_of(run.folder)[-1]
     data = bytearray(path.read_bytes())
@@ -193,9 +185,7 @@ def test_a_checkpoint_damaged_while_the_wheels_come_over_costs_nothing(tmp_path:
 def test_the_file_before_stays_until_all_wheels_have_come_over(tmp_path: Path, start: type[Run]) -> None:
     run = start(tmp_path / "run", max_record_bytes=1)  # as few files as may be
     for number in range(4):
-        run.take(messages()[20 * number : 20 * number + 18])
-        run.rotate()
-        run.take(messages()[20 * number + 18 : 20 * number + 20])
+        run.rotate(20 * number + 18, 20 * number + 20, 20 * number)
         assert is_between(run.folder)
         assert len(recordings_of(run.folder)) == 2
     left = run.killed("left")

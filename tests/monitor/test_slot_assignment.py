@@ -1,5 +1,6 @@
 """The order guard: where each sample goes, and that every one of them is accounted for."""
 
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 
 import hypothesis.strategies as st
@@ -13,14 +14,10 @@ from rwa_monitor.monitor.ingest import (
     HOLD_BACK_MESSAGES,
     TAKEOVER_MESSAGES,
     UNCERTAIN_FACTOR,
-    Counts,
-    Rows,
-    SlotAssignment,
     Trouble,
 )
-from rwa_monitor.samples import MAX_TIME_NS, MIN_TIME_NS, Samples, SlotGrid
-from rwa_monitor.telemetry.slots import RingBuffer
-from rwa_monitor.wheel.wheel import Limits, built_in_wheel
+from rwa_monitor.samples import MAX_TIME_NS, MIN_TIME_NS, Samples
+from rwa_monitor.wheel.wheel import Limits
 from rwa_monitor.words import time_text
 from tests.monitor.support import WINDOW, adds_up, messages_of, telemetry, wheel
 
@@ -96,7 +93,7 @@ def test_a_clock_step_of_more_than_a_window_begins_an_epoch(step: int) -> None:
     (reported,) = troubles(events, "clock step")
     first_ns = (origin + 1 + step) * PERIOD_NS
     assert f"stepped by {step * PERIOD_NS / 1e9:.3f} s, to {time_text(first_ns)}" in reported
-    assert core.checkpoint().origin_ns == first_ns
+    assert core.assignment.grid.origin_ns == first_ns
     assert core.counts.used == 4
 
 
@@ -124,7 +121,7 @@ def test_a_sample_that_the_next_one_judges_waits_and_is_counted() -> None:
     core.feed(samples_at([0, 1]))
     assert core.feed(samples_at([5 * WINDOW])) == []
     assert (core.counts.used, core.counts.queued) == (2, 1)
-    kept = Checkpoint.from_json(core.checkpoint().to_json(), "test")
+    kept = Checkpoint.from_json(core.checkpoint(), "test")
     resumed = WheelCore.resume(kept, wheel(), None)
     for one in (core, resumed):
         events = one.feed(samples_at([5 * WINDOW + 1]))
@@ -136,17 +133,23 @@ def test_a_sample_that_the_next_one_judges_waits_and_is_counted() -> None:
     assert (core.counts.queued, core.counts.rejected) == (0, 1)
 
 
-def batches(count: int, size: int = 50) -> list[Samples]:
-    telemetry_ = telemetry(count * size)
-    return [telemetry_[i * size : (i + 1) * size] for i in range(count)]
+def batches(count: int) -> list[Samples]:
+    samples = telemetry(count * 50)
+    return [samples[i * 50 : (i + 1) * 50] for i in range(count)]
+
+
+def fed(
+    core: WheelCore, parts: Sequence[Samples], publisher: str, numbers: Iterable[int], first: int = 0
+) -> list[Event]:
+    """Feed parts of these numbers; `first` is that of the publisher's first one."""
+    return [event for number in numbers for event in core.feed(parts[number], publisher, number - first)]
 
 
 def test_a_lost_message_is_given_up_when_enough_others_wait() -> None:
     parts = batches(HOLD_BACK_MESSAGES + 4)
     core = new_core()
     core.feed(parts[0], "p", 0)
-    for number in range(2, 2 + HOLD_BACK_MESSAGES):
-        assert core.feed(parts[number], "p", number) == []
+    assert fed(core, parts, "p", range(2, 2 + HOLD_BACK_MESSAGES)) == []
     assert core.counts.queued == 50 * HOLD_BACK_MESSAGES
     events = core.feed(parts[2 + HOLD_BACK_MESSAGES], "p", 2 + HOLD_BACK_MESSAGES)
     assert troubles(events, "messages missed") == ["missing: 1 message of 'p', from batch 1 on"]
@@ -158,13 +161,11 @@ def test_a_lost_message_is_given_up_when_enough_others_wait() -> None:
 
 
 def test_a_history_that_comes_again_after_the_clock_stepped_back_is_no_new_count() -> None:
-    before, after = batches(6), [replace(part, time_ns=part.time_ns - 40 * WINDOW * PERIOD_NS) for part in batches(8)]
-    core = new_core()
-    for number, part in enumerate([*before, *after]):
-        core.feed(part, "same", number)
+    after = [replace(part, time_ns=part.time_ns - 40 * WINDOW * PERIOD_NS) for part in batches(8)]
+    core, parts = new_core(), [*batches(6), *after]
+    fed(core, parts, "same", range(14))
     counts = (core.counts.used, core.counts.duplicate)
-    for number, part in enumerate([*before, *after]):
-        core.feed(part, "same", number)
+    fed(core, parts, "same", range(14))
     assert (core.counts.used, core.counts.duplicate) == (counts[0], counts[1] + 14 * 50)
     assert counts == (14 * 50, 0)
 
@@ -205,12 +206,10 @@ def test_a_publisher_that_was_replaced_does_not_take_turns() -> None:
     parts = batches(20 * TAKEOVER_MESSAGES)
     core = new_core()
     events = core.feed(parts[0], "one", 0)
-    for number in range(1, TAKEOVER_MESSAGES + 1):
-        events += core.feed(parts[number], "other", number)
+    events += fed(core, parts, "other", range(1, TAKEOVER_MESSAGES + 1))
     for start in range(TAKEOVER_MESSAGES + 1, len(parts) - 8, 8):
-        for number in range(start, start + 7):
-            events += core.feed(parts[number], "one", number)
-        events += core.feed(parts[start + 7], "other", start + 7)
+        events += fed(core, parts, "one", range(start, start + 7))
+        events += fed(core, parts, "other", [start + 7])
     assert len(troubles(events, "publisher change")) == 1
     assert all("of 'one' rejected" in text for text in troubles(events, "publisher conflict"))
     assert adds_up(core.counts)
@@ -219,9 +218,8 @@ def test_a_publisher_that_was_replaced_does_not_take_turns() -> None:
 def test_a_publisher_that_restarts_with_its_clock_set_back_is_taken_over_after_a_while() -> None:
     parts = batches(2 * UNCERTAIN_FACTOR * TAKEOVER_MESSAGES)
     core = new_core()
-    for number in range(30, 60):
-        core.feed(parts[number], "before", number - 30)
-    events = [event for number in range(60) for event in core.feed(parts[number], "after", number)]
+    fed(core, parts, "before", range(30, 60), first=30)
+    events = fed(core, parts, "after", range(60))
     assert TOOK_OVER in troubles(events, "publisher change")
     assert core.counts.rejected == 0
     assert adds_up(core.counts)
@@ -258,34 +256,9 @@ def test_every_sample_is_accounted_for(history: list[tuple[str, int | None, int,
 def test_messages_that_overtake_within_reach_are_put_right(keys: list[float]) -> None:
     # Message n moves by less than the hold-back, so that never more than that many wait for one.
     order = sorted(range(24), key=lambda number: number + keys[number])
-    parts = batches(24, 50)
+    parts = batches(24)
     straight, mixed = new_core(), new_core()
-    expected = [event for number, part in enumerate(parts) for event in straight.feed(part, "p", number)]
-    got = [event for number in order for event in mixed.feed(parts[number], "p", number)]
+    expected, got = fed(straight, parts, "p", range(24)), fed(mixed, parts, "p", order)
     assert messages_of(got) == messages_of(expected)
     assert any(isinstance(event, WindowDiagnosed) for event in expected)
     assert mixed.counts == straight.counts
-
-
-@given(
-    origin_ns=st.integers(MIN_TIME_NS, MAX_TIME_NS - 10**14),
-    period_ns=st.integers(1_000, 10**12),
-    frontier=st.integers(0, 50),
-    jitter=st.lists(st.floats(-3.0, 3.0), min_size=1, max_size=20),
-)
-def test_slots_are_those_of_the_grid(origin_ns: int, period_ns: int, frontier: int, jitter: list[float]) -> None:
-    """The compiled loop, against the grid's own arithmetic."""
-    guard = SlotAssignment(built_in_wheel(), Counts())
-    guard.period_ns, guard.window_slots = period_ns, 100
-    grid = guard.grid = SlotGrid(origin_ns, period_ns)
-    ring = RingBuffer(100, (), 100)
-    ring.clear(frontier)
-    time_ns = origin_ns + (frontier + np.arange(len(jitter))) * period_ns + (np.array(jitter) * period_ns).astype(int)
-    expected, furthest = [], frontier - 1
-    for slot in grid.slot_of(time_ns).tolist():
-        if slot > furthest:
-            expected.append(slot)
-        furthest = max(furthest, slot)
-    good = np.ones(time_ns.size)
-    pieces = guard.place(Rows(time_ns, {"speed_rad_s": good, "torque_Nm": good}), ring)
-    assert [slot for piece in pieces for slot in piece.slots.tolist()] == expected

@@ -13,6 +13,7 @@ import pytest
 import zenoh
 
 from rwa_monitor.messages import Status, samples_json
+from rwa_monitor.monitor.backfill import Arrival
 from rwa_monitor.monitor.bus import MonitorBus, SamplesPublisher
 from rwa_monitor.monitor.replay import replay, replay_to_bus
 from rwa_monitor.monitor.service import Clock, Monitor
@@ -117,7 +118,7 @@ def test_what_is_old_by_the_clock_is_stored_in_health_and_status_and_in_no_diagn
             part = samples[start : start + 256]
             delay_s = 5 if start <= WINDOW else 700  # and then the link is lost for some minutes
             now_ns = int(part.time_ns[-1]) + delay_s * 10**9
-            one.receive(KEY, samples_json(part, "p", number))
+            one.receive(Arrival(KEY, samples_json(part, "p", number)))
             one.tick()
         one.close()
     wait_for(lambda: all(len(listener.kind(kind)) >= 3 for kind in ("health", "diagnosis")), "three windows")
@@ -135,7 +136,7 @@ def test_a_clock_that_counts_from_another_day_shows_no_age(
     with closing(MonitorBus(session)) as bus:
         clock = Clock(wall_ns=lambda: int(samples.time_ns[-1]) + offset_s * 10**9)
         one = Monitor(options(stored_after_s=limit_s), bus, None, lambda _: None, clock)
-        one.receive(KEY, samples_json(samples, "p", 0))
+        one.receive(Arrival(KEY, samples_json(samples, "p", 0)))
         one.close()
     wait_for(lambda: listener.kind("health"), "the window")
     assert "data" not in json.loads(listener.kind("health")[0])

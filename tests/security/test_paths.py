@@ -36,7 +36,7 @@ def test_a_recording_names_no_wheel_that_leads_out(name: str, of: str, tmp_path:
         "wheel.toml": wheel().to_toml(),
         "model.json": model().to_json(),
         "settings.json": '{"method": "joint"}',
-        "checkpoint/sat/wheel_1.json": WheelCore(wheel(), model()).checkpoint().to_json().decode(),
+        "checkpoint/sat/wheel_1.json": WheelCore(wheel(), model()).checkpoint().decode(),
     }
     named = {"wheels/sat/wheel_1.toml": made_with["wheel.toml"], **made_with} if of == "wheels" else made_with
     attachments = [
