@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import re
+import shutil
 import sys
+import time
 from collections import defaultdict
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
@@ -75,13 +77,17 @@ NOT_ON_BOARD: Final = frozenset({"jinja2", "joblib", "scikit-learn"})
 
 def _packages() -> str:
     """Check that all required packages are installed; return their versions, and the extras that lack packages."""
-    from importlib.metadata import requires, version
+    from importlib.metadata import Distribution, requires, version
 
     needed: defaultdict[str, list[str]] = defaultdict(list)  # by extra, "" for the program itself
     for line in requires("rwa-monitor") or ():
         extra = re.search(r"extra == ['\"]([^'\"]+)['\"]", line)
         needed[extra[1] if extra else ""].append(re.split(r"[^A-Za-z0-9._-]", line, maxsplit=1)[0])
-    missing = {extra: _missing(names) for extra, names in needed.items() if extra not in {"build", "dev"}}
+    missing = {
+        extra: [name for name in names if not any(Distribution.discover(name=name))]
+        for extra, names in needed.items()
+        if extra not in {"build", "dev"}
+    }
     without = missing.pop("")
     if not NOT_ON_BOARD.issuperset(without):
         raise RwaMonitorError(f"{', '.join(without)} missing; run `pip install .` again")
@@ -92,24 +98,14 @@ def _packages() -> str:
     return f"{', '.join(there)}; extras: {', '.join(extras) or 'all'}"
 
 
-def _missing(names: Iterable[str]) -> list[str]:
-    """Return which of some packages are not installed."""
-    from importlib.metadata import Distribution
-
-    return [name for name in names if not any(Distribution.discover(name=name))]
-
-
 def _kernels() -> str:
     """Check the kernels, and the packages that use them, by diagnosing a small simulated window."""
-    import time
-
     import rwa_monitor as rwa
 
     samples = rwa.simulate(rwa.Scenario(duration_s=250.0)).samples
     began = time.perf_counter()
     (diagnosis,) = rwa.diagnose(samples)
-    elapsed = time.perf_counter() - began
-    return f"{diagnosis.samples} simulated slots diagnosed in {elapsed:.2f} s"
+    return f"{diagnosis.samples} simulated slots diagnosed in {time.perf_counter() - began:.2f} s"
 
 
 def _wheel(wheel_file: Path | None) -> str:
@@ -154,8 +150,6 @@ def look_at_recordings(folder: Path) -> str:
     RwaMonitorError
         If the folder cannot be written, is in use by another monitor, or the disk is full.
     """
-    import shutil
-
     from rich.filesize import decimal
 
     from rwa_monitor.monitor.recorder import MIN_FREE_BYTES, locked
@@ -180,8 +174,6 @@ def look_at_bus(bus: cli.BusOptions) -> str:
     RwaMonitorError
         If it should connect, and nothing answers.
     """
-    import time
-
     from rwa_monitor.monitor.bus import BusWatch, open_session
     from rwa_monitor.words import counted, first_few
 
@@ -198,20 +190,17 @@ def look_at_bus(bus: cli.BusOptions) -> str:
         routers, peers = len(list(session.info.routers_zid())), len(list(session.info.peers_zid()))
     if not routers + peers:
         return f"open, but nobody has connected in {ANSWER_S:.0f} s"
-    sending, monitored = found["samples"], found["status"]
-    listed = [f"{counted(len(one), 'wheel')} ({first_few(sorted(one)) or 'none'})" for one in (sending, monitored)]
-    unserved = sorted(sending - monitored)
+    wheels = found["samples"], found["status"]
+    sending, monitored = (f"{counted(len(one), 'wheel')} ({first_few(sorted(one)) or 'none'})" for one in wheels)
+    unserved = first_few(sorted(found["samples"] - found["status"]))
     return (
         f"open, with {counted(routers, 'router')} and {counted(peers, 'peer')} connected; in {ANSWER_S:.0f} s received"
-        f" telemetry of {listed[0]}, monitors of {listed[1]}"
-        + (f"; nobody monitors {first_few(unserved)}" if unserved else "")
+        f" telemetry of {sending}, monitors of {monitored}{unserved and f'; nobody monitors {unserved}'}"
     )
 
 
 def _publishers(session: zenoh.Session) -> defaultdict[str, set[str]]:
     """Return the wheels of which a message arrived within `ANSWER_S`, by the kind of the message."""
-    from threading import Event
-
     from rwa_monitor.messages import split_key
 
     found: defaultdict[str, set[str]] = defaultdict(set)
@@ -222,6 +211,6 @@ def _publishers(session: zenoh.Session) -> defaultdict[str, set[str]]:
             found[kind].add(f"{spacecraft}/{wheel}")
 
     subscriber = session.declare_subscriber("rwa/*/*/*", take)
-    Event().wait(ANSWER_S)
+    time.sleep(ANSWER_S)
     subscriber.undeclare()  # type: ignore[no-untyped-call]
     return found

@@ -18,6 +18,7 @@ import click
 from rwa_monitor.errors import InputError
 
 if TYPE_CHECKING:
+    import zenoh
     from rich.console import Console
 
     from rwa_monitor.monitor.bus import BusOptions as BusOptions  # noqa: PLC0414 - re-exported for the commands
@@ -245,6 +246,16 @@ def warn_if_alone(bus: BusOptions) -> None:
         # An endpoint without an address or port is not listened on: it is refused when the bus is opened.
         if colon and protocol not in _PROTECTED and not is_loopback(host):
             log(f"{endpoint} lets in everybody who reaches it; docker/client.json5 shows how to join by mutual TLS")
+
+
+@contextmanager
+def on_bus(bus: BusOptions) -> Iterator[tuple[Event, zenoh.Session]]:
+    """Provide an event that signals set (`stop_on_signals`) and an open session, after `warn_if_alone`."""
+    from rwa_monitor.monitor.bus import open_session
+
+    warn_if_alone(bus)
+    with stop_on_signals() as stop, open_session(bus) as session:
+        yield stop, session
 
 
 # ---- recordings ------------------------------------------------------------------------------------------------------
