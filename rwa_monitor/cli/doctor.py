@@ -7,7 +7,7 @@ import shutil
 import sys
 import time
 from collections import defaultdict
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
@@ -77,17 +77,13 @@ NOT_ON_BOARD: Final = frozenset({"jinja2", "joblib", "scikit-learn"})
 
 def _packages() -> str:
     """Check that all required packages are installed; return their versions, and the extras that lack packages."""
-    from importlib.metadata import Distribution, requires, version
+    from importlib.metadata import requires, version
 
     needed: defaultdict[str, list[str]] = defaultdict(list)  # by extra, "" for the program itself
     for line in requires("rwa-monitor") or ():
         extra = re.search(r"extra == ['\"]([^'\"]+)['\"]", line)
         needed[extra[1] if extra else ""].append(re.split(r"[^A-Za-z0-9._-]", line, maxsplit=1)[0])
-    missing = {
-        extra: [name for name in names if not any(Distribution.discover(name=name))]
-        for extra, names in needed.items()
-        if extra not in {"build", "dev"}
-    }
+    missing = {extra: _missing(names) for extra, names in needed.items() if extra not in {"build", "dev"}}
     without = missing.pop("")
     if not NOT_ON_BOARD.issuperset(without):
         raise RwaMonitorError(f"{', '.join(without)} missing; run `pip install .` again")
@@ -96,6 +92,13 @@ def _packages() -> str:
         there.append(f"no {', '.join(without)} (a monitor alone needs none)")
     extras = [f"no {extra} (pip install 'rwa-monitor[{extra}]')" for extra, lacking in missing.items() if lacking]
     return f"{', '.join(there)}; extras: {', '.join(extras) or 'all'}"
+
+
+def _missing(names: Iterable[str]) -> list[str]:
+    """Return which of some packages are not installed."""
+    from importlib.metadata import Distribution
+
+    return [name for name in names if not any(Distribution.discover(name=name))]
 
 
 def _kernels() -> str:

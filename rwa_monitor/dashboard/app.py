@@ -13,6 +13,7 @@ from __future__ import annotations
 import asyncio
 import secrets
 import time
+from collections import Counter
 from collections.abc import AsyncIterator, Callable, Container, Iterable, Sequence
 from contextlib import asynccontextmanager, suppress
 from functools import partial
@@ -78,15 +79,17 @@ def metrics(fleet: Fleet, alarms: Sequence[AlarmRecord], clients: int, retired: 
         for spacecraft, wheel, known in fleet.wheels():
             if (spacecraft, wheel) not in retired and not wheel.endswith(messages.REPLAY):
                 _add_wheel(partial(found.add, spacecraft=spacecraft, wheel=wheel), known)
-    alarms = [alarm for alarm in alarms if (alarm.spacecraft, alarm.wheel) not in retired]
-    stored = [alarm for alarm in alarms if alarm.name.endswith(STORED_ALARM)]
+    counts = Counter(
+        (alarm.level, STORED_ALARM if alarm.name.endswith(STORED_ALARM) else alarm.phase)
+        for alarm in alarms
+        if (alarm.spacecraft, alarm.wheel) not in retired
+    )
     for level in get_args(AlarmLevel):
         for phase in ("active", "acknowledged", "returned"):
-            count = sum(alarm.level == level and alarm.phase == phase for alarm in alarms if alarm not in stored)
             about = "Open alarms by level, and whether they are acknowledged."
-            found.add("rwa_alarms", about, count, level=level, phase=phase)
+            found.add("rwa_alarms", about, counts[level, phase], level=level, phase=phase)
         about = "Alarms of stored telemetry, with times of then, that nobody has acknowledged, by level."
-        found.add("rwa_stored_alarms", about, sum(alarm.level == level for alarm in stored), level=level)
+        found.add("rwa_stored_alarms", about, counts[level, STORED_ALARM], level=level)
     found.add("rwa_dashboard_pages", "Pages that are open.", clients)
     found.add("rwa_dashboard_info", "Always 1; the labels name what runs.", 1, software=SOFTWARE, build=__version__)
     return generate_latest(found).decode()
@@ -115,14 +118,12 @@ def _add_wheel(add: Callable[..., None], known: Wheel) -> None:
     """Add the metrics of a wheel; `add` labels each with the wheel's name."""
     if known.diagnosis is not None:
         _add_diagnosis(add, known.diagnosis)
-    if known.arrivals.wall_ns is not None:
-        add(
-            "rwa_wheel_telemetry_age_seconds",
-            "Time since samples of the wheel came last.",
-            _age_s(known.arrivals.wall_ns),
-        )
+    arrivals = known.arrivals
+    if arrivals.wall_ns is not None:
+        about = "Time since samples of the wheel came last."
+        add("rwa_wheel_telemetry_age_seconds", about, _age_s(arrivals.wall_ns))
         about = "Age at which its samples are stale."
-        add("rwa_wheel_telemetry_stale_after_seconds", about, known.arrivals.stale_after_s)
+        add("rwa_wheel_telemetry_stale_after_seconds", about, arrivals.stale_after_s)
     if known.status is not None:
         about = "Time since the wheel's monitor reported last."
         add("rwa_monitor_status_age_seconds", about, _age_s(known.latest[Status.kind].wall_ns))
@@ -239,18 +240,12 @@ class PulseOfWheel(_Shown):
     refused: str | None
 
 
-class Software(_Shown):
-    """The name and version of the dashboard."""
-
-    software: str
-
-
 class Entry(_Shown):
     """One entry of the feed, or of a recording.
 
     The key names the message: as on the bus, rwa/{spacecraft}/{wheel}/{kind}, with the kinds `alarm` and `retirement`
-    (an audit event of a retired wheel) beside the bus's own; dashboard/beat, dashboard/software, or dashboard/pulse,
-    which is by "{spacecraft}/{wheel}".
+    (an audit event of a retired wheel) beside the bus's own; dashboard/beat, or dashboard/pulse, which is by
+    "{spacecraft}/{wheel}".
     `received_wall_ns` is null for what is from the history. Beside a status stands when samples came last, beside a
     diagnosis the history of the verdict. `time_ns`, on the wheel's clock, is of recordings only.
     """
@@ -261,7 +256,7 @@ class Entry(_Shown):
     beside: TelemetryState | VerdictState | None
     message: (
         Diagnosis | Status | Changepoints | SamplesMessage | Discrepancy | AlarmRecord | RetirementEvent
-        | Beat | Software
+        | Beat
         | dict[str, PulseOfWheel]
     )  # fmt: skip
 
@@ -424,11 +419,10 @@ class Api:
         self._earlier: dict[tuple[str, str], tuple[bytes, VerdictHistory]] = {}  # with their latest diagnosis
 
     def _first_frame(self) -> str:
-        first = [Received("dashboard/software", messages.dump_json({"software": SOFTWARE}), None)]
         try:
-            first += self._snapshot()
+            first = self._snapshot()
         except HistoryError:
-            first += self._fleet.snapshot()
+            first = self._fleet.snapshot()
         return frame([*(entry for entry in first if not entry.brief), *pulse(entry for entry in first if entry.brief)])
 
     def fleet(self) -> Response:

@@ -3,10 +3,11 @@
 import json
 import urllib.error
 import urllib.request
-from collections.abc import Iterator
-from contextlib import contextmanager
+from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import AbstractContextManager, contextmanager
 from pathlib import Path
-from threading import Event, Thread
+from threading import Event
 from typing import Any
 
 import pytest
@@ -74,22 +75,26 @@ def acknowledge(address: str, alarm: int = 1) -> int:
 
 
 @contextmanager
-def reporting(session: zenoh.Session, *wheels: str, **changes: Any) -> Iterator[None]:
-    """Publish a status of each wheel several times a second, as monitors do."""
+def repeated(act: Callable[[], object]) -> Iterator[None]:
+    """Do something several times a second, in a thread of its own."""
     stop = Event()
 
-    def report() -> None:
+    def run() -> None:
         while not stop.wait(0.3):
-            for wheel in wheels:
-                session.put(f"rwa/sat/{wheel}/status", status(wheel, **changes))
+            act()
 
-    thread = Thread(target=report)
-    thread.start()
-    try:
-        yield
-    finally:
-        stop.set()
-        thread.join()
+    with ThreadPoolExecutor(1) as thread:
+        thread.submit(run)
+        try:
+            yield
+        finally:
+            stop.set()
+
+
+def reporting(session: zenoh.Session, *wheels: str, **changes: Any) -> AbstractContextManager[None]:
+    """Publish a status of each wheel several times a second, as monitors do."""
+    statuses = {f"rwa/sat/{wheel}/status": status(wheel, **changes) for wheel in wheels}
+    return repeated(lambda: [session.put(*one) for one in statuses.items()])
 
 
 @contextmanager
