@@ -126,6 +126,12 @@ def opened(started: Any, width: int = 1280, complaint: str = "none", **options: 
     page.close()
 
 
+def press(form: Any, button: str, name: str = "Ann") -> None:
+    """Press a button of a form on the page, as a person of this name."""
+    form.get_by_label("Your name").fill(name)
+    form.get_by_role("button", name=button).click()
+
+
 def findings(page: Any) -> list[Any]:
     """Return the accessibility violations that axe finds in a view, of any severity."""
     from axe_playwright_python.sync_playwright import Axe

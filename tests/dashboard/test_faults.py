@@ -14,7 +14,7 @@ from rwa_monitor.dashboard.server import HISTORY_NAME, DashboardOptions, Running
 from rwa_monitor.history.alarms import MONITOR_ALARM
 from rwa_monitor.messages import samples_json
 from rwa_monitor.monitor.bus import BusOptions, open_session
-from tests.dashboard.support import START_S, ask, expect, opened, reporting, send_windows
+from tests.dashboard.support import START_S, ask, expect, opened, press, reporting, send_windows
 from tests.dashboard.test_recordings import RECORDING
 from tests.dashboard.test_telemetry import with_friction
 from tests.history.support import diagnosis
@@ -30,11 +30,6 @@ connection.execute("BEGIN IMMEDIATE")
 print("locked", flush=True)
 sys.stdin.read()
 """
-
-
-def acknowledge(page: Any, name: str = "Ann") -> None:
-    page.get_by_label("Your name").fill(name)
-    page.get_by_role("button", name="Acknowledge").click()
 
 
 def test_a_monitor_that_is_killed_leaves_stale_wheels_and_an_alarm_until_it_is_back(page: Any, tmp_path: Path) -> None:
@@ -79,7 +74,7 @@ def test_a_monitor_that_is_killed_leaves_stale_wheels_and_an_alarm_until_it_is_b
             page.get_by_role("link", name="Alarms (1)").click()
             expect(page.get_by_text("No monitor has reported since")).to_be_visible()
             expect(page.get_by_text("look whether rwa-monitor run still runs")).to_be_visible()
-            acknowledge(page)
+            press(page, "Acknowledge")
             expect(page.get_by_text("Acknowledged by Ann")).to_be_visible()
             page.goto("about:blank")  # else it complains of a server that is not there, if it tries in between
         with serve(options, session) as running:  # what was raised outlives the dashboard
@@ -169,13 +164,13 @@ def test_a_locked_database_is_reported_and_what_came_meanwhile_is_stored(
         page.get_by_role("link", name="Alarms").click()
         expect(page.get_by_role("button", name="Acknowledge")).to_be_visible()
         with script(LOCK, str(tmp_path / HISTORY_NAME)):
-            acknowledge(page)
+            press(page, "Acknowledge")
             expect(page.get_by_text("Not acknowledged: the history")).to_contain_text("database is locked")
             for number in range(3, 5):
                 session.put("rwa/sat/wheel_1/diagnosis", diagnosis(number, severity=1.0).to_json())
             expect(page.locator("#banner")).to_contain_text("2 windows wait to be stored")
         expect(page.locator("#banner")).to_be_hidden()
-        acknowledge(page)
+        press(page, "Acknowledge")
         expect(page.get_by_text("Acknowledged by Ann")).to_be_visible()
         wait_for(lambda: len(ask(running.address, "api/wheels/sat/wheel_1/windows")[1]) == 5, "all windows")
 
@@ -204,10 +199,10 @@ def test_a_wrong_token_is_reported_and_can_be_mended_on_the_page(
     send_windows(session, "wheel_1", failing=True)
     page.goto(f"{dashboard.address}#token=wrong")
     page.get_by_role("link", name="Alarms").click()
-    acknowledge(page)
+    press(page, "Acknowledge")
     expect(page.get_by_text("Not acknowledged: the token is missing or wrong")).to_be_visible()
     page.get_by_label("Token").fill("right")
-    acknowledge(page)
+    press(page, "Acknowledge")
     expect(page.get_by_text("Acknowledged by Ann")).to_be_visible()
 
 

@@ -16,7 +16,7 @@ from rwa_monitor.history.alarms import MONITOR_ALARM
 from rwa_monitor.history.database import MonitorState
 from rwa_monitor.history.store import History
 from rwa_monitor.messages import samples_json
-from tests.dashboard.support import acknowledge, ask, expect, findings, opened, reporting, send_windows
+from tests.dashboard.support import acknowledge, ask, expect, findings, opened, press, reporting, send_windows
 from tests.dashboard.test_telemetry import with_friction
 from tests.history.support import START_NS
 from tests.monitor.processes import wait_for
@@ -127,8 +127,7 @@ def test_wheels_of_one_monitor_are_one_card_that_is_acknowledged_once(
         expect(card).to_contain_text("◐ warning 3 wheels · monitor")
         expect(card.get_by_role("link")).to_have_count(3)
         assert findings(page) == []
-        card.get_by_label("Your name").fill("Ann")
-        card.get_by_role("button", name="Acknowledge").click()
+        press(card, "Acknowledge")
         expect(card).to_contain_text("Acknowledged by Ann")
         expect(page.get_by_role("region", name="Alarm monitor")).to_have_count(1)
         assert {alarm["phase"] for alarm in ask(running.address, "api/alarms")[1]} == {"acknowledged"}

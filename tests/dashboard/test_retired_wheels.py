@@ -19,6 +19,7 @@ from tests.dashboard.support import (
     findings,
     metrics,
     opened,
+    press,
     reporting,
     send_windows,
     status,
@@ -128,9 +129,8 @@ def test_an_operator_retires_a_wheel_and_sees_it_come_back(
             expect(page.locator(".wheel", has_text=name)).to_contain_text("◌ stale")
         page.locator(".wheel", has_text="wheel_1").click()
         card = page.get_by_role("region", name="On the list")
-        card.get_by_label("Your name").fill("Ann")
         card.get_by_label("Note").fill("<b>replaced</b>")
-        card.get_by_role("button", name="Retire").click()
+        press(card, "Retire")
         expect(card).to_contain_text("reappears when telemetry arrives")
         expect(card.get_by_text("Audit trail (1)")).to_be_visible()
         assert findings(page) == []
@@ -141,14 +141,12 @@ def test_an_operator_retires_a_wheel_and_sees_it_come_back(
         expect(page.locator("main li")).to_contain_text("retired by Ann: “<b>replaced</b>”")
         assert findings(page) == []
         page.locator(".wheel", has_text="wheel_2").click()  # its alarm was not acknowledged
-        card.get_by_label("Your name").fill("Ann")
-        card.get_by_role("button", name="Retire").click()
+        press(card, "Retire")
         expect(card.get_by_role("alert")).to_contain_text("Not retired: sat/wheel_2: has alarms to acknowledge first")
 
         page.keyboard.press("a")
         alarm = page.get_by_role("region", name="Alarm viscous of sat / wheel_2")  # the view before has a name, too
-        alarm.get_by_label("Your name").fill("Ann")
-        alarm.get_by_role("button", name="Acknowledge").click()
+        press(alarm, "Acknowledge")
         expect(page.get_by_text("Acknowledged by Ann")).to_be_visible()
         assert retire(running, "wheel_2")[0] == 200
         expect(page.locator("section h2")).to_contain_text("wheel retired")
@@ -161,8 +159,7 @@ def test_an_operator_retires_a_wheel_and_sees_it_come_back(
         page.get_by_text("Retired (1)").click()
         page.locator("main li a").click()
         expect(page.locator("h1")).to_have_text("sat / wheel_2")
-        card.get_by_label("Your name").fill("Ben")
-        card.get_by_role("button", name="Bring back").click()
+        press(card, "Bring back", "Ben")
         expect(card.get_by_role("button", name="Retire")).to_be_visible()
         page.keyboard.press("f")
         expect(page.locator(".wheel")).to_have_count(3)
