@@ -32,12 +32,22 @@ from prometheus_client.core import CounterMetricFamily, GaugeMetricFamily, Metri
 from prometheus_client.exposition import CONTENT_TYPE_PLAIN_0_0_4, generate_latest
 from prometheus_client.registry import Collector
 from pydantic import BaseModel, ConfigDict, Field, StringConstraints
+from starlette.datastructures import MutableHeaders
 from starlette.exceptions import HTTPException
 from starlette.types import ASGIApp, Receive, Scope, Send
 
 from rwa_monitor import __version__, messages
-from rwa_monitor.dashboard.feed import AlarmNotifier, Client, array_json, frame, pulse
-from rwa_monitor.dashboard.fleet import REMEMBERED, Fleet, Received, VerdictHistory, Wheel, record_entry
+from rwa_monitor.dashboard.feed import AlarmNotifier, Client, frame, pulse
+from rwa_monitor.dashboard.fleet import (
+    REMEMBERED,
+    Fleet,
+    Received,
+    VerdictHistory,
+    Wheel,
+    array_json,
+    object_json,
+    record_entry,
+)
 from rwa_monitor.dashboard.recordings import RecordingFile, list_recordings, recorded_samples, replay_json
 from rwa_monitor.errors import InputError
 from rwa_monitor.history.alarms import STORED_ALARM
@@ -47,7 +57,6 @@ from rwa_monitor.messages import (
     Changepoints,
     Diagnosis,
     Discrepancy,
-    Message,
     SamplesMessage,
     Status,
     Verdict,
@@ -170,9 +179,6 @@ def _add_status(add: Callable[..., None], status: Status) -> None:
 
 STATIC: Final = Path(__file__).parent / "static"
 MAX_BODY_BYTES: Final = 16_384
-MAX_NAME: Final = 100  # characters of a person's name
-MAX_NOTE: Final = 2_000
-MAX_SHELVED_S: Final = 7 * SECONDS_PER_DAY
 MAX_WINDOWS: Final = 1_000
 MAX_ESTIMATES: Final = 20_000  # of four parts, 9 windows a day: some 18 months
 DEFAULT_LIMIT: Final = 200
@@ -194,14 +200,14 @@ class _Shown(BaseModel):
 class Acknowledgement(_Shown):
     """Who has seen an alarm, with a note."""
 
-    name: Annotated[str, StringConstraints(strip_whitespace=True, min_length=1, max_length=MAX_NAME)]
-    note: Annotated[str, StringConstraints(strip_whitespace=True, max_length=MAX_NOTE)] = ""
+    name: Annotated[str, StringConstraints(strip_whitespace=True, min_length=1, max_length=100)]
+    note: Annotated[str, StringConstraints(strip_whitespace=True, max_length=2_000)] = ""
 
 
 class Shelving(Acknowledgement):
-    """Who shelves an alarm, for how long, and why; 0 s ends it."""
+    """Who shelves an alarm, for how long (a week at most), and why; 0 s ends it."""
 
-    seconds: Annotated[float, Field(ge=0, le=MAX_SHELVED_S, allow_inf_nan=False)]
+    seconds: Annotated[float, Field(ge=0, le=7 * SECONDS_PER_DAY, allow_inf_nan=False)]
 
 
 class Retirement(Acknowledgement):
@@ -341,19 +347,19 @@ def _add_routes(app: FastAPI, api: Api) -> None:
     get(wheel, api.wheel, response_model=WheelNow, responses=refused)
     get(f"{wheel}/samples", api.samples, response_model=SamplesMessage | None)
     get(f"{wheel}/windows", api.windows, response_model=list[Diagnosis])
-    get(f"{wheel}/estimates", api.estimates, response_model=list[EstimateRecord])
-    get(f"{wheel}/trend", api.trend, response_model=list[TrendRecord])
-    get(f"{wheel}/retirement", api.retirement, response_model=list[RetirementEvent])
-    get("/api/alarms", api.alarms, response_model=list[AlarmRecord])
-    get("/api/recordings", api.recordings, response_model=list[RecordingFile])
+    get(f"{wheel}/estimates", api.estimates)
+    get(f"{wheel}/trend", api.trend)
+    get(f"{wheel}/retirement", api.retirement)
+    get("/api/alarms", api.alarms)
+    get("/api/recordings", api.recordings)
     get("/api/recordings/{name}", api.recording, response_model=Replay)
     token = Depends(HTTPBearer(scheme_name="token", auto_error=False))  # `Guard` has checked it
-    for path, change, answer in (
-        (f"{wheel}/retirement", api.retire, RetirementEvent),
-        ("/api/alarms/{alarm:int}/acknowledge", api.acknowledge, AlarmRecord),
-        ("/api/alarms/{alarm:int}/shelve", api.shelve, AlarmRecord),
+    for path, change in (
+        (f"{wheel}/retirement", api.retire),
+        ("/api/alarms/{alarm:int}/acknowledge", api.acknowledge),
+        ("/api/alarms/{alarm:int}/shelve", api.shelve),
     ):
-        get(path, change, methods=["POST"], response_model=answer, responses=refused, dependencies=[token])
+        get(path, change, methods=["POST"], responses=refused, dependencies=[token])
 
 
 class Guard:
@@ -371,7 +377,7 @@ class Guard:
 
         async def with_headers(message: Any) -> None:
             if message["type"] == "http.response.start":
-                message["headers"] += [(name.encode(), value.encode()) for name, value in self._headers.items()]
+                MutableHeaders(scope=message).update(self._headers)
             await send(message)
 
         status, reason = self._refusal(scope)
@@ -402,7 +408,8 @@ class Guard:
 class Api:
     """The request handlers. FastAPI runs those that are not coroutines in a thread pool.
 
-    Answers are written as bytes from stored JSON: FastAPI documents them, but neither validates nor serialises them.
+    Answers made of messages of the bus are written as bytes from stored JSON: FastAPI documents them, but neither
+    validates nor serialises them.
 
     Parameters
     ----------
@@ -469,7 +476,7 @@ class Api:
             raise HTTPException(404, "no such wheel")
         if parts["discrepancy"] == b"null":
             parts["discrepancy"] = self._history.discrepancy(spacecraft, wheel) or b"null"
-        return _json(b"{" + b",".join(b'"%b":%b' % (name.encode(), part) for name, part in parts.items()) + b"}")
+        return _json(object_json(parts))
 
     def samples(self, spacecraft: str, wheel: str) -> Response:
         """Answer with the thinned samples of one wheel's latest window that the recordings hold; null for none."""
@@ -480,29 +487,30 @@ class Api:
         self, spacecraft: str, wheel: str, limit: Annotated[int, Query(ge=1, le=MAX_WINDOWS)] = DEFAULT_LIMIT
     ) -> Response:
         """Answer with the latest diagnoses of one wheel, the oldest first."""
-        return _list(self._history.windows(spacecraft, wheel, limit))
+        windows = self._history.windows(spacecraft, wheel, limit)
+        return _json(array_json(window.to_json() for window in windows))
 
     def estimates(
         self, spacecraft: str, wheel: str, limit: Annotated[int, Query(ge=1, le=MAX_ESTIMATES)] = DEFAULT_LIMIT
-    ) -> Response:
+    ) -> list[EstimateRecord]:
         """Answer with the latest estimates of one wheel, the oldest first."""
-        return _list(self._history.estimates(spacecraft, wheel, limit))
+        return self._history.estimates(spacecraft, wheel, limit)
 
-    def trend(self, spacecraft: str, wheel: str) -> Response:
+    def trend(self, spacecraft: str, wheel: str) -> list[TrendRecord]:
         """Answer with the trends of one wheel's estimates."""
-        return _list(trends(self._history.estimates(spacecraft, wheel, MAX_ESTIMATES)))
+        return trends(self._history.estimates(spacecraft, wheel, MAX_ESTIMATES))
 
-    def retirement(self, spacecraft: str, wheel: str) -> Response:
+    def retirement(self, spacecraft: str, wheel: str) -> list[RetirementEvent]:
         """Answer with who has retired a wheel and brought it back, the oldest event first."""
-        return _list(self._history.retired.events(spacecraft, wheel))
+        return self._history.retired.events(spacecraft, wheel)
 
-    def retire(self, spacecraft: str, wheel: str, who: Retirement) -> Response:
+    def retire(self, spacecraft: str, wheel: str, who: Retirement) -> RetirementEvent:
         """Retire a wheel that sends no telemetry, or bring it back; needs the token."""
         if who.retire:
             self._check_quiet(spacecraft, wheel)
         event = self._history.retired.change(spacecraft, wheel, who.name, who.note, retire=who.retire)
         self.notifier.hub.post(record_entry(event, "retirement"))
-        return _json(event.to_json())
+        return event
 
     def _check_quiet(self, spacecraft: str, wheel: str) -> None:
         """Refuse to retire a wheel that is unknown, or that still sends telemetry."""
@@ -517,22 +525,19 @@ class Api:
             reason = f"its telemetry is of now: it can be retired when none has come for {stale_after_s:.0f} s"
             raise InputError(f"{spacecraft}/{wheel}", reason)
 
-    def alarms(self) -> Response:
+    def alarms(self) -> list[AlarmRecord]:
         """Answer with all open alarms and the latest closed ones."""
-        return _list(self._history.alarms())
+        return self._history.alarms()
 
-    def acknowledge(self, alarm: int, who: Acknowledgement) -> Response:
-        """Acknowledge an alarm; needs the token."""
-        return self._changed(self._history.acknowledge(alarm, who.name, who.note))
+    def acknowledge(self, alarm: int, who: Acknowledgement) -> AlarmRecord:
+        """Acknowledge an alarm, and report that to pages and bus; needs the token."""
+        self.notifier.publish(changed := self._history.acknowledge(alarm, who.name, who.note))
+        return changed
 
-    def shelve(self, alarm: int, who: Shelving) -> Response:
-        """Shelve an alarm for a while; needs the token."""
-        return self._changed(self._history.shelve(alarm, who.name, who.seconds, who.note))
-
-    def _changed(self, alarm: AlarmRecord) -> Response:
-        """Report a change of an alarm to pages and bus, and answer with the alarm."""
-        self.notifier.publish(alarm)
-        return _json(alarm.to_json())
+    def shelve(self, alarm: int, who: Shelving) -> AlarmRecord:
+        """Shelve an alarm for a while, and report that to pages and bus; needs the token."""
+        self.notifier.publish(changed := self._history.shelve(alarm, who.name, who.seconds, who.note))
+        return changed
 
     def metrics(self, request: Request) -> Response:
         """Answer with all metrics, for Prometheus."""
@@ -541,9 +546,9 @@ class Api:
         text = metrics(self._fleet, alarms, len(self.notifier.hub.clients), retired)
         return Response(text, media_type=CONTENT_TYPE_PLAIN_0_0_4)
 
-    def recordings(self) -> Response:
+    def recordings(self) -> list[RecordingFile]:
         """Answer with the recordings there are, the latest first."""
-        return _list(list_recordings(self._folder))
+        return list_recordings(self._folder)
 
     def recording(self, name: str) -> Response:
         """Answer with one recording as entries of the feed, samples thinned."""
@@ -584,10 +589,6 @@ async def _send(socket: WebSocket, client: Client) -> None:
 
 def _json(content: bytes) -> Response:
     return Response(content, media_type="application/json")
-
-
-def _list(listed: Iterable[Message]) -> Response:
-    return _json(array_json(message.to_json() for message in listed))
 
 
 async def _refused(request: Request, error: Exception) -> Response:

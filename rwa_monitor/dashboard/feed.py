@@ -22,7 +22,17 @@ from typing import Final, Self
 import zenoh
 
 from rwa_monitor import messages
-from rwa_monitor.dashboard.fleet import KEYS, REMEMBERED, Fleet, Received, Wheel, record_entry, thinned_json
+from rwa_monitor.dashboard.fleet import (
+    KEYS,
+    REMEMBERED,
+    Fleet,
+    Received,
+    Wheel,
+    array_json,
+    object_json,
+    record_entry,
+    thinned_json,
+)
 from rwa_monitor.errors import InputError
 from rwa_monitor.history.alarms import ALL_WHEELS, STORED_ALARM
 from rwa_monitor.history.database import AlarmRecord, HistoryError, MonitorState, RetirementEvent
@@ -114,18 +124,13 @@ class Hub:
 
 def pulse(statuses: Iterable[Received]) -> list[Received]:
     """Return the brief forms of several statuses as one entry; no entry for no status."""
-    beats = b",".join(b'"%b":%b' % (one.wheel.encode(), one.brief) for one in statuses)
-    return [Received(PULSE_KEY, b"{" + beats + b"}", time.time_ns())] if beats else []
+    beats = {one.wheel: one.brief for one in statuses}
+    return [Received(PULSE_KEY, object_json(beats), time.time_ns())] if beats else []
 
 
 def frame(entries: Iterable[Received]) -> str:
     """Return entries as one frame."""
     return array_json(entry.to_json() for entry in entries).decode()
-
-
-def array_json(parts: Iterable[bytes]) -> bytes:
-    """Return JSON values as one array."""
-    return b"[" + b",".join(parts) + b"]"
 
 
 # ---- publication of alarms -------------------------------------------------------------------------------------------

@@ -2,7 +2,7 @@
 
 import time
 from collections import deque
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from threading import Lock
 from typing import Any, Final, NamedTuple
@@ -194,6 +194,16 @@ def _known(values: FloatArray | None, count: int) -> FloatArray:
 # ---- the latest message of each kind of each wheel -------------------------------------------------------------------
 
 
+def array_json(parts: Iterable[bytes]) -> bytes:
+    """Return JSON values as one array."""
+    return b"[" + b",".join(parts) + b"]"
+
+
+def object_json(parts: Mapping[str, bytes]) -> bytes:
+    """Return JSON values by their names as one object."""
+    return b"{" + b",".join(b'"%b":%b' % (name.encode(), part) for name, part in parts.items()) + b"}"
+
+
 class Received(NamedTuple):
     """A message in JSON, its key, and when it was received [ns, this machine's clock; None: from the history].
 
@@ -213,11 +223,11 @@ class Received(NamedTuple):
         """Spacecraft and wheel, as "spacecraft/wheel"."""
         return self.key.split("/", 1)[1].rpartition("/")[0]
 
-    def to_json(self) -> bytes:
-        """Return the message as an entry of the feed."""
-        wall = b"null" if self.wall_ns is None else str(self.wall_ns).encode()
-        head = b'{"key":"' + self.key.encode() + b'","received_wall_ns":' + wall + b',"beside":' + self.beside
-        return head + b',"message":' + self.payload + b"}"
+    def to_json(self, **more: bytes) -> bytes:
+        """Return the message as an entry of the feed, with more fields before its own."""
+        key, wall_ns = messages.dump_json(self.key), messages.dump_json(self.wall_ns)
+        own = {"key": key, "received_wall_ns": wall_ns, "beside": self.beside, "message": self.payload}
+        return object_json(more | own)
 
 
 def record_entry(record: AlarmRecord | RetirementEvent, kind: str) -> Received:

@@ -8,13 +8,15 @@ from pathlib import Path
 from typing import Final
 
 from rwa_monitor import messages
-from rwa_monitor.dashboard.feed import BATCH, array_json
+from rwa_monitor.dashboard.feed import BATCH
 from rwa_monitor.dashboard.fleet import (
     MAX_POINTS,
     DecimatedSamples,
     DerivedFriction,
     Fleet,
     Received,
+    array_json,
+    object_json,
     thinned_json,
 )
 from rwa_monitor.errors import InputError
@@ -72,12 +74,10 @@ def replay_json(folder: Path | None, name: str) -> bytes:
     """
     if folder is None or name not in {entry.name for entry in list_recordings(folder)}:
         raise InputError(name, "is no recording here")
-    path = folder / name
-    recording = read_recording(path)
-    entries = list(_entries(recording))
+    recording = read_recording(folder / name)
+    entries = array_json(_entries(recording))
     # The page shows which parts are damaged.
-    problems = messages.dump_json(recording.problems)
-    return b'{"problems":' + problems + b',"entries":' + array_json(entries) + b"}"
+    return object_json({"problems": messages.dump_json(recording.problems), "entries": entries})
 
 
 def recorded_samples(folder: Path | None, window: Diagnosis) -> bytes:
@@ -134,7 +134,7 @@ def _entries(recording: Recording) -> Iterator[bytes]:
             entry = entry._replace(payload=thinned_json(picked))
         elif wheel is not None and isinstance(shown, Diagnosis):
             entry = fleet.take(wheel, shown, entry)
-        yield b'{"time_ns":%d,%b' % (message.time_ns, entry.to_json()[1:])
+        yield entry.to_json(time_ns=messages.dump_json(message.time_ns))
 
 
 # ---- import into the history -----------------------------------------------------------------------------------------
