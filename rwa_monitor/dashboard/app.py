@@ -69,7 +69,7 @@ SAMPLES: Final = ("used", "masked", "late", "duplicate", "rejected")
 MESSAGES: Final = ("missed", "dropped", "rejected")
 
 
-def metrics(fleet: Fleet, alarms: Sequence[AlarmRecord], clients: int, retired: Container[tuple[str, str]] = ()) -> str:
+def metrics(fleet: Fleet, alarms: Sequence[AlarmRecord], retired: Container[tuple[str, str]]) -> str:
     """Return all metrics as text.
 
     Parameters
@@ -78,8 +78,6 @@ def metrics(fleet: Fleet, alarms: Sequence[AlarmRecord], clients: int, retired: 
         All live wheels.
     alarms
         All open alarms.
-    clients
-        Number of open pages.
     retired
         Spacecraft and wheel of retired wheels, which have no metrics.
     """
@@ -99,7 +97,6 @@ def metrics(fleet: Fleet, alarms: Sequence[AlarmRecord], clients: int, retired: 
             found.add("rwa_alarms", about, counts[level, phase], level=level, phase=phase)
         about = "Alarms of stored telemetry, with times of then, that nobody has acknowledged, by level."
         found.add("rwa_stored_alarms", about, counts[level, STORED_ALARM], level=level)
-    found.add("rwa_dashboard_pages", "Pages that are open.", clients)
     found.add("rwa_dashboard_info", "Always 1; the labels name what runs.", 1, software=SOFTWARE, build=__version__)
     return generate_latest(found).decode()
 
@@ -149,8 +146,6 @@ def _add_diagnosis(add: Callable[..., None], window: Diagnosis) -> None:
         add("rwa_wheel_verdict", about, window.verdict == verdict, verdict=verdict)
     add("rwa_wheel_model_adequate", "1 where the friction model fits the wheel.", window.model_adequate)
     add("rwa_wheel_coverage_ratio", "Share of the latest window with a good sample.", window.coverage)
-    end_s = window.window_end_ns / NANOSECONDS_PER_SECOND
-    add("rwa_wheel_window_end_seconds", "End of the latest window on the wheel's own clock.", end_s)
     for part, one in window.anomalies.items():
         add("rwa_wheel_anomaly_probability", "Probability that a part is anomalous.", one.probability, part=part)
         about = "0 at the nominal bound, 1 at the median of the learned anomaly."
@@ -162,7 +157,6 @@ def _add_diagnosis(add: Callable[..., None], window: Diagnosis) -> None:
 
 
 def _add_status(add: Callable[..., None], status: Status) -> None:
-    add("rwa_monitor_window_fill_ratio", "Share of the running window that has passed.", status.window_fill)
     add("rwa_monitor_queue_messages", "Messages that wait in the wheel's monitor.", status.queue_depth)
     add("rwa_monitor_slots_missed_total", "Slots of the wheel that no sample came for.", status.slots_missed)
     add("rwa_monitor_windows_total", "Windows of the wheel that were diagnosed.", status.windows)
@@ -542,8 +536,7 @@ class Api:
     def metrics(self, request: Request) -> Response:
         """Answer with all metrics, for Prometheus."""
         del request
-        alarms, retired = self._history.alarms(closed=0), self._history.retired.names()
-        text = metrics(self._fleet, alarms, len(self.notifier.hub.clients), retired)
+        text = metrics(self._fleet, self._history.alarms(closed=0), self._history.retired.names())
         return Response(text, media_type=CONTENT_TYPE_PLAIN_0_0_4)
 
     def recordings(self) -> list[RecordingFile]:

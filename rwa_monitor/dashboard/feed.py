@@ -67,7 +67,7 @@ class Client:
 
 
 class Hub:
-    """Collects entries and sends them to pages. Other threads use `post`, `watched`, `notes`, `len(clients)` only."""
+    """Collects entries and sends them to pages. Other threads use `post`, `watched`, `notes` only."""
 
     def __init__(self) -> None:
         self.clients: set[Client] = set()
