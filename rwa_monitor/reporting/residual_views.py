@@ -16,7 +16,7 @@ from scipy import stats
 from rwa_monitor.discrepancy.base_fit import least_squares, remove_levels, segment_starts
 from rwa_monitor.discrepancy.problem import Problem
 from rwa_monitor.discrepancy.terms import Model
-from rwa_monitor.samples import FloatArray
+from rwa_monitor.samples import FloatArray, IntArray
 from rwa_monitor.wheel.effects.base import Channels
 
 BINS: Final = 24  # of equal counts
@@ -92,6 +92,13 @@ def _period_s(problem: Problem) -> float:
 # ---- means over a quantity -------------------------------------------------------------------------------------------
 
 
+def means_in_bins(at: IntArray, *values: FloatArray) -> tuple[list[FloatArray], IntArray]:
+    """Return the means of values in bins, int64 (n,), of `MIN_PER_BIN` samples or more, and their numbers."""
+    count = np.bincount(at)
+    full = count >= MIN_PER_BIN
+    return [np.bincount(at, one)[full] / count[full] for one in values], count[full]
+
+
 def binned(problem: Problem, quantity: FloatArray, residual: FloatArray) -> Curve:
     """Return the residual's means in bins of equal count and the χ² test that all are zero.
 
@@ -103,10 +110,8 @@ def binned(problem: Problem, quantity: FloatArray, residual: FloatArray) -> Curv
     if edges.size < 2:
         return Curve(np.zeros(0), np.zeros(0), np.zeros(0), 1.0)
     at = np.clip(np.searchsorted(edges, quantity, side="right") - 1, 0, edges.size - 2)
-    count = np.bincount(at, minlength=edges.size - 1)
-    full = count >= MIN_PER_BIN
-    centre, mean = (np.bincount(at, values, edges.size - 1)[full] / count[full] for values in (quantity, residual))
-    error = np.sqrt(problem.noise.long_run_variance / count[full])
+    (centre, mean), count = means_in_bins(at, quantity, residual)
+    error = np.sqrt(problem.noise.long_run_variance / count)
     return Curve(centre, mean, error, _chance(mean / error))
 
 
