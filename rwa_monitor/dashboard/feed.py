@@ -61,8 +61,7 @@ class Client:
         try:
             self.frames.put_nowait(frame)
         except asyncio.QueueFull:
-            with suppress(asyncio.QueueEmpty):
-                self.frames.get_nowait()
+            self.frames.get_nowait()
             self.frames.put_nowait(None)
 
 
@@ -266,8 +265,7 @@ class Listener(BusThread):
         self._waiting: deque[Diagnosis | Discrepancy | RetirementEvent] = deque(maxlen=MAX_WAITING)
         # Windows whose samples were old by the clock when they arrived.
         self._late: deque[tuple[str, str, int]] = deque(maxlen=MAX_WAITING)
-        self._retry_due_s = 0.0
-        self._check_due_s = self._prune_due_s = 0.0
+        self._retry_due_s = self._check_due_s = self._prune_due_s = 0.0
         self._watch = BusWatch(notifier.session, bus)
         self._monitors = MonitorWatch(silent_s, self.history.monitors())
         super().__init__(notifier.session, "dashboard listener", KEYS)

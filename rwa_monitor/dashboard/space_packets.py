@@ -12,6 +12,7 @@ system: the packets' sequence count reveals it.
 
 from __future__ import annotations
 
+import math
 import re
 import socket
 import struct
@@ -39,7 +40,6 @@ from rwa_monitor.telemetry.ccsds_packets import (
     SEQUENCE_MODULUS,
     UNSEGMENTED,
     PacketDecoder,
-    WheelPackets,
     packet_notes,
     split_packets,
 )
@@ -81,7 +81,7 @@ class Field(NamedTuple):
             return struct.pack(f"{TEXT_BYTES}s", text.encode())
         if self.type in ENUMERATIONS:
             return struct.pack("B", ENUMERATIONS[self.type].index(value))
-        return struct.pack(">d", float("nan") if value is None else value)
+        return struct.pack(">d", math.nan if value is None else value)
 
 
 class Packet(NamedTuple):
@@ -364,7 +364,7 @@ class Bridge:
         self._decoder = decoder
         self._sinks = sinks
         self._batch_samples = batch_samples
-        self._sent_s = float("-inf")
+        self._sent_s = -math.inf
 
     def take(self, datagram: bytes) -> None:
         """Process a datagram of one or several successive packets."""
@@ -374,9 +374,8 @@ class Bridge:
         if rest or not datagram:
             packets.append(rest)  # an incomplete packet: the decoder counts it as such
         for packet in packets:
-            for wheel in self._decoder.take(packet):
-                if len(wheel) >= self._batch_samples:
-                    self._send(wheel)
+            self._decoder.take(packet)
+            self.send_all(self._batch_samples)
 
     def tick(self, now_s: float) -> None:
         """Send the waiting samples every `PERIOD_S`."""
@@ -384,16 +383,13 @@ class Bridge:
             self._sent_s = now_s
             self.send_all()
 
-    def send_all(self) -> None:
-        """Send all waiting samples."""
+    def send_all(self, least: int = 1) -> None:
+        """Send the waiting samples of all wheels that have at least so many."""
         for wheel in self._decoder.wheels:
-            if len(wheel):
-                self._send(wheel)
-
-    def _send(self, wheel: WheelPackets) -> None:
-        samples = wheel.samples()
-        self._sinks[wheel.key].put(samples)
-        self.samples += len(samples)
+            if len(wheel) >= least:
+                samples = wheel.samples()
+                self._sinks[wheel.key].put(samples)
+                self.samples += len(samples)
 
     def counts(self) -> dict[str, Any]:
         """Return the counts of datagrams, packets and samples so far, for JSON."""
