@@ -11,7 +11,7 @@ from jsonschema import Draft202012Validator
 from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import connect
 
-from rwa_monitor.dashboard.server import DashboardOptions, serve
+from rwa_monitor.dashboard.server import DashboardOptions, Running, serve
 from rwa_monitor.messages import Changepoints, ProvisionalJump, samples_json
 from tests.dashboard.support import RIGHT, ask, reporting, send_windows
 from tests.dashboard.test_recordings import RECORDING
@@ -86,17 +86,15 @@ def test_answers_and_feed_follow_the_document(session: zenoh.Session, tmp_path: 
             assert ask(running.address, "api/alarms/1/shelve", headers=RIGHT, body=body)[0] == 422, wrong
 
 
-def test_a_wrong_limit_is_refused(session: zenoh.Session) -> None:
-    with serve(DashboardOptions(0, None), session) as running:
-        for limit in ("0", "1001", "-1", "x", "1e3", "9" * 50, "²"):
-            assert ask(running.address, f"api/wheels/sat/wheel_1/windows?limit={quote(limit)}")[0] == 422, limit
+def test_a_wrong_limit_is_refused(dashboard: Running) -> None:
+    for limit in ("0", "1001", "-1", "x", "1e3", "9" * 50, "²"):
+        assert ask(dashboard.address, f"api/wheels/sat/wheel_1/windows?limit={quote(limit)}")[0] == 422, limit
 
 
 @pytest.mark.parametrize("sent", [b"\x00", "no JSON"])
-def test_a_page_that_sends_no_json_is_disconnected(session: zenoh.Session, sent: bytes | str) -> None:
-    with serve(DashboardOptions(0, None), session) as running:
-        with connect(running.address.replace("http", "ws") + "api/feed") as feed:
-            feed.send(sent)
-            with pytest.raises(ConnectionClosed, match="1003"):
-                list(feed)
-        assert ask(running.address, "api/fleet")[0] == 200
+def test_a_page_that_sends_no_json_is_disconnected(dashboard: Running, sent: bytes | str) -> None:
+    with connect(dashboard.address.replace("http", "ws") + "api/feed") as feed:
+        feed.send(sent)
+        with pytest.raises(ConnectionClosed, match="1003"):
+            list(feed)
+    assert ask(dashboard.address, "api/fleet")[0] == 200

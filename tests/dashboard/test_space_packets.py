@@ -19,7 +19,7 @@ import zenoh
 from lxml import etree
 from spacepackets.ccsds.spacepacket import SpacePacketHeader
 
-from rwa_monitor.dashboard.server import DashboardOptions, serve
+from rwa_monitor.dashboard.server import DashboardOptions, Running, serve
 from rwa_monitor.dashboard.space_packets import PacketSender, PacketWriter, UdpAddress
 from rwa_monitor.diagnosis.model import built_in_model
 from rwa_monitor.errors import InputError
@@ -248,13 +248,12 @@ def test_diagnoses_and_alarms_go_from_the_bus_over_udp(receiver: socket.socket, 
 
 
 def test_a_sender_that_comes_later_gets_the_alarms_as_they_are(
-    session: zenoh.Session, receiver: socket.socket, tmp_path: Path
+    session: zenoh.Session, receiver: socket.socket, dashboard: Running
 ) -> None:
-    with serve(DashboardOptions(0, tmp_path, token="right", silent_s=0.0), session) as running:
-        send_windows(session, "wheel_2", failing=True)
-        wait_for(lambda: acknowledge(running.address) == 200, "the alarm")
-        with PacketSender(session, writer(), UdpAddress(*receiver.getsockname()), print):
-            packets = wait_for(lambda: received(receiver, []), "the alarms")
+    send_windows(session, "wheel_2", failing=True)
+    wait_for(lambda: acknowledge(dashboard.address) == 200, "the alarm")
+    with PacketSender(session, writer(), UdpAddress(*receiver.getsockname()), print):
+        packets = wait_for(lambda: received(receiver, []), "the alarms")
     assert parsed(packets[0])["sat_wheel_2_ALARM_viscous_PHASE"] == "acknowledged"
 
 

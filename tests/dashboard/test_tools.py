@@ -17,7 +17,7 @@ import pytest
 import zenoh
 from prometheus_client.parser import text_string_to_metric_families
 
-from rwa_monitor.dashboard.server import DashboardOptions, serve
+from rwa_monitor.dashboard.server import DashboardOptions, Running, serve
 from rwa_monitor.messages import Diagnosis
 from rwa_monitor.monitor.recording import read_chain
 from tests.dashboard.support import acknowledge, ask, expect, opened, reporting, send_windows
@@ -262,12 +262,12 @@ def test_open_mct_shows_wheels_verdicts_limits_and_alarms(
             expect(tree.get_by_role("treeitem", name="sat/wheel_7")).to_be_visible()
 
 
-def test_another_origin_reads_if_it_is_allowed_and_changes_nothing(session: zenoh.Session, tmp_path: Path) -> None:
+@pytest.mark.parametrize("options", [{"allow_origin": "http://127.0.0.1:8080"}])
+def test_another_origin_reads_if_it_is_allowed_and_changes_nothing(dashboard: Running) -> None:
     origin = "http://127.0.0.1:8080"
-    with serve(DashboardOptions(0, tmp_path, token="right", allow_origin=origin), session) as running:
-        assert ask(running.address, "api/fleet", headers={"Origin": origin})[0] == 200
-        for other in ("http://127.0.0.1:8081", "http://127.0.0.1:8080.example", "null", ""):
-            assert ask(running.address, "api/fleet", headers={"Origin": other})[0] == 403
-        right = {"Origin": origin, "Authorization": "Bearer right"}
-        path = "api/alarms/1/acknowledge"
-        assert ask(running.address, path, headers=right, body=b'{"name":"Ann"}')[0] == 403
+    assert ask(dashboard.address, "api/fleet", headers={"Origin": origin})[0] == 200
+    for other in ("http://127.0.0.1:8081", "http://127.0.0.1:8080.example", "null", ""):
+        assert ask(dashboard.address, "api/fleet", headers={"Origin": other})[0] == 403
+    right = {"Origin": origin, "Authorization": "Bearer right"}
+    path = "api/alarms/1/acknowledge"
+    assert ask(dashboard.address, path, headers=right, body=b'{"name":"Ann"}')[0] == 403
