@@ -112,7 +112,7 @@ def _print(scores: Sequence[tuple[str, dict[str, Scores]]]) -> None:
 
     from rwa_monitor.reporting.diagnoses import UNKNOWN
 
-    def cell(value: float | None) -> str:
+    def cell(value: object) -> str:
         return UNKNOWN if value is None else f"{value:.3f}" if isinstance(value, float) else str(value)
 
     names = [Column(name, no_wrap=True) for name in ("anomaly", "alarms of")]

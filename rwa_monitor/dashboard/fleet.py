@@ -19,7 +19,6 @@ from rwa_monitor.wheel.torque_balance import corrected_friction, motor_torque, s
 from rwa_monitor.wheel.wheel import Wheel as WheelConstants
 
 KEYS: Final = "rwa/*/*/*"  # on the bus
-MAX_PROVISIONAL: Final = 200  # changepoints of an open window that are kept
 REMEMBERED: Final = 50  # windows that a verdict history keeps, and is initialised with
 
 
@@ -277,7 +276,7 @@ class Wheel:
 
     derived: DerivedFriction
     latest: dict[str, Received] = field(default_factory=dict)
-    provisional: list[Received] = field(default_factory=list)
+    provisional: deque[Received] = field(default_factory=lambda: deque(maxlen=200))  # changepoints of the open window
     decimated: DecimatedSamples = field(default_factory=DecimatedSamples)
     arrivals: ArrivalTimes = field(default_factory=ArrivalTimes)
     verdicts: VerdictHistory = field(default_factory=VerdictHistory)
@@ -334,7 +333,7 @@ class Fleet:
                     received = received._replace(beside=messages.dump_json(arrivals), brief=brief)
                     wheel.latest[Status.kind] = received
                 case Changepoints():
-                    wheel.provisional = [*wheel.provisional, received][-MAX_PROVISIONAL:]
+                    wheel.provisional.append(received)
                 case Diagnosis():
                     wheel.verdicts.extend([message])
                     received = received._replace(beside=wheel.verdicts.to_json())
