@@ -278,7 +278,7 @@ class Recordings:
         self.files = files
         self.decoding = decoding
         self.failures: list[tuple[Path, str]] = []
-        self._logged: set[str] = set()
+        self._log_once = functools.cache(log)
         self._unreadable = False
 
     @property
@@ -295,9 +295,8 @@ class Recordings:
 
     def done(self, problems: Sequence[str], notes: Iterable[str]) -> None:
         """Log problems and notes of a recording, equal lines once; `problems` are bytes that could not be read."""
-        new = [note for note in dict.fromkeys((*problems, *notes)) if note not in self._logged]
-        log(*new)
-        self._logged.update(new)
+        for note in (*problems, *notes):
+            self._log_once(note)
         self._unreadable |= bool(problems)
 
     def of_one_wheel(

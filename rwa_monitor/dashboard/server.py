@@ -120,9 +120,10 @@ def serve(options: DashboardOptions, session: zenoh.Session, log: Log = print) -
                 from rwa_monitor.dashboard.foxglove_server import FoxgloveServer  # noqa: PLC0415 - an extra of its own
             foxglove = stack.enter_context(FoxgloveServer(session, options.foxglove))
             log(f"Foxglove connects to {foxglove.address}")
-        if options.port is None and listening.getsockname()[1] != DEFAULT_PORT:
+        port = listening.getsockname()[1]
+        if options.port is None and port != DEFAULT_PORT:
             log(f"port {DEFAULT_PORT} is taken by another program; the page is elsewhere")
-        address = f"http://{HOST}:{listening.getsockname()[1]}/"
+        address = f"http://{HOST}:{port}/"
         yield Running(address, f"{address}#token={token}")
 
 
