@@ -36,9 +36,9 @@ def status(wheel: str, **changes: Any) -> bytes:
     ).to_json()
 
 
-def send_windows(session: zenoh.Session, wheel: str, *, failing: bool, windows: int = 3) -> None:
-    """Send diagnoses of a wheel, which fails from the second one on."""
-    for number in range(windows):
+def send_windows(session: zenoh.Session, wheel: str, *, failing: bool, windows: int = 3, first: int = 0) -> None:
+    """Send diagnoses of a wheel, which fails from its second window on."""
+    for number in range(first, first + windows):
         message = diagnosis(number, severity=1.0 if failing and number else None, wheel=wheel)
         session.put(f"rwa/sat/{wheel}/diagnosis", message.to_json())
 

@@ -17,7 +17,6 @@ from rwa_monitor.monitor.bus import BusOptions, open_session
 from tests.dashboard.support import START_S, ask, expect, press, reporting, send_windows
 from tests.dashboard.test_recordings import RECORDING
 from tests.dashboard.test_telemetry import with_friction
-from tests.history.support import diagnosis
 from tests.monitor.processes import ROUTER, Listener, process, script, wait_for
 from tests.monitor.support import free_port
 
@@ -160,8 +159,7 @@ def test_a_locked_database_is_reported_and_what_came_meanwhile_is_stored(
     with script(LOCK, str(tmp_path / HISTORY_NAME)):
         press(page, "Acknowledge")
         expect(page.get_by_text("Not acknowledged: the history")).to_contain_text("database is locked")
-        for number in range(3, 5):
-            session.put("rwa/sat/wheel_1/diagnosis", diagnosis(number, severity=1.0).to_json())
+        send_windows(session, "wheel_1", failing=True, windows=2, first=3)
         expect(page.locator("#banner")).to_contain_text("2 windows wait to be stored")
     expect(page.locator("#banner")).to_be_hidden()
     press(page, "Acknowledge")
