@@ -412,10 +412,10 @@ class Api:
     notifier
         Publishes changes of alarms; has the history.
     recordings
-        Folder of the recordings, or None.
+        Folder of the recordings.
     """
 
-    def __init__(self, fleet: Fleet, notifier: AlarmNotifier, recordings: Path | None) -> None:
+    def __init__(self, fleet: Fleet, notifier: AlarmNotifier, recordings: Path) -> None:
         self._fleet, self._history, self.notifier, self._folder = fleet, notifier.history, notifier, recordings
         self._earlier: dict[tuple[str, str], tuple[bytes, VerdictHistory]] = {}  # with their latest diagnosis
 

@@ -16,6 +16,7 @@ from collections import deque
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
+from functools import cache
 from threading import Lock
 from typing import Final, Self
 
@@ -110,15 +111,17 @@ class Hub:
             else:
                 entries.append(received)
         entries += pulse(statuses.values())
-        frames: dict[str, str] = {}  # by the wheel shown: pages that show the same one get the same frame
+
+        @cache
+        def frame_of(wheel: str) -> str:
+            """Return the frame of the pages that show a wheel, "" where it has no entries."""
+            own = [entry for entry in close_up if entry.wheel == wheel]
+            shown = [*entries, *([statuses[wheel]] if wheel in statuses else ()), *own]
+            return frame(shown) if shown else ""
+
         for client in tuple(self.clients):
-            watches = client.watches
-            if watches not in frames:
-                own = [entry for entry in close_up if entry.wheel == watches]
-                shown = [*entries, *([statuses[watches]] if watches in statuses else ()), *own]
-                frames[watches] = frame(shown) if shown else ""
-            if frames[watches]:
-                client.put(frames[watches])
+            if text := frame_of(client.watches):
+                client.put(text)
 
 
 def pulse(statuses: Iterable[Received]) -> list[Received]:

@@ -36,14 +36,14 @@ class DashboardOptions(NamedTuple):
     port
         On loopback; 0 for any free port; None for the default one, or any free port if that is taken.
     record
-        Folder of the recordings; None for no recordings.
+        Folder of the recordings.
     wheel
         Constants of the wheels, to derive friction from current; None for those of the latest recording in the folder,
         or else of the built-in wheel.
     bus
         Options that the session was opened with: the page shows if none of their endpoints can be reached.
     history
-        URL of a PostgreSQL database for the history; None for a file in the folder, or in memory without a folder.
+        URL of a PostgreSQL database for the history; None for a file in the folder.
     silent_s
         Silence from which a wheel's monitor raises an alarm [s]; 0 for none.
     foxglove
@@ -54,8 +54,8 @@ class DashboardOptions(NamedTuple):
         Required for changes; None for a random one.
     """
 
-    port: int | None = None
-    record: Path | None = None
+    port: int | None
+    record: Path
     token: str | None = None
     wheel: Wheel | None = None
     bus: BusOptions = BusOptions()
@@ -65,9 +65,9 @@ class DashboardOptions(NamedTuple):
     allow_origin: str | None = None
 
     @property
-    def history_place(self) -> Path | str | None:
+    def history_place(self) -> Path | str:
         """Where the history is kept."""
-        return self.history or (self.record / HISTORY_NAME if self.record else None)
+        return self.history or self.record / HISTORY_NAME
 
 
 class Running(NamedTuple):

@@ -130,9 +130,7 @@ def _alarm_fields(names: Sequence[str]) -> list[Field]:
 
     def of(name: str, what: str, health: Health) -> str:
         states = health.alarm_states or {}
-        chosen = [states[name]] if name in states else []
-        if name == OTHER:
-            chosen = [state for other, state in states.items() if other not in names]
+        chosen = [state for one, state in states.items() if one == name or (name == OTHER and one not in names)]
         worst = max(chosen, key=lambda state: Level[state.level.upper()], default=None)
         return str(getattr(worst, what)) if worst else {"level": "normal", "phase": "quiet"}[what]
 
