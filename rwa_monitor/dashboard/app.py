@@ -295,7 +295,7 @@ class Refusal(_Shown):
 # ---- the application -------------------------------------------------------------------------------------------------
 
 
-def create_app(api: Api, token: str, origin: str | None = None) -> FastAPI:
+def create_app(api: Api, token: str, origin: str | None) -> FastAPI:
     """Return the application; changes need the token, and pages of `origin`, if given, may read.
 
     FastAPI's documentation pages are off, as they load scripts from other sites.
