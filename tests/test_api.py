@@ -18,8 +18,7 @@ from rwa_monitor.errors import InputError
 from rwa_monitor.telemetry.table import write_csv
 from rwa_monitor.threads import one_thread_of_algebra
 from rwa_monitor.wheel.wheel import Window
-
-SEED = 21
+from tests.program import run
 
 
 @pytest.fixture(scope="module")
@@ -29,7 +28,7 @@ def wheel() -> rwa.Wheel:
 
 @pytest.fixture(scope="module")
 def telemetry(wheel: rwa.Wheel) -> rwa.Telemetry:
-    return rwa.simulate(rwa.Scenario(duration_s=1600.0), wheel, seed=SEED)
+    return rwa.simulate(rwa.Scenario(duration_s=1600.0), wheel, seed=21)
 
 
 def test_the_package_offers_what_the_interface_lists() -> None:
@@ -70,9 +69,7 @@ def test_diagnose_monitor_and_command_give_the_same(wheel: rwa.Wheel, telemetry:
     assert [d.to_json() for d in parts] == [d.to_json() for d in whole]
     assert monitor.counts["received"] == monitor.counts["used"] == len(samples)
 
-    command = [sys.executable, "-m", "rwa_monitor", "diagnose", str(table), "--wheel", str(wheel_file), "--json"]
-    done = subprocess.run(command, capture_output=True, text=True, check=True)
-    said = [json.loads(line) for line in done.stdout.splitlines()]
+    said = [json.loads(line) for line in run("diagnose", table, "--wheel", wheel_file, "--json").stdout.splitlines()]
     for message in said:
         assert message.pop("source") == str(table)
     assert said == [json.loads(d.to_json()) for d in whole]

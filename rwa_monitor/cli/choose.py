@@ -17,12 +17,7 @@ SEED = 20260126  # of the simulated check: the same options give the same figure
 @cli.option("--run-length", float, "N", "Wanted mean number of samples between false alarms.", required=True)
 @cli.option("--jump", float, "SIGMAS", "Size of the jump, in noise deviations.", required=True)
 @cli.flag("--json", "Print one JSON object.")
-def tune(
-    missed: float,
-    run_length: float,
-    jump: float,
-    json: bool,
-) -> int:
+def tune(missed: float, run_length: float, jump: float, json: bool) -> int:
     """Choose the smallest detection window that keeps both wanted rates, and check it by simulation.
 
     In closed form for white noise at constant speed; colour and outliers are measured by the monitor itself,
@@ -38,21 +33,20 @@ def tune(
     kept = counted.keeps(missed, run_length)
     if json:
         click.echo(dumps({**asdict(tuning), "check": {**asdict(counted), "kept": kept}}))
-        return 0 if kept else cli.FAILED
-    between, alarms = counted.run_length, counted.alarm_run_length
-    click.echo(f"half window w   {tuning.half_width} slots on each side")
-    click.echo(f"threshold       {tuning.threshold:.2f} (GLR/σ²)")
-    click.echo(f"prior weight    W_b = {tuning.prior_weight:.2g} (normalised, σ = 0.024)")
-    click.echo(f"information     λ = {tuning.information:.1f}")
-    click.echo(f"predicted       missed {tuning.missed:.3g}, run length {tuning.run_length:.3g} samples")
-    click.echo(
-        f"simulated       missed {counted.missed.value:.3g} ({counted.missed.low:.3g} to {counted.missed.high:.3g}), "
-        f"run length {between.value:.3g} ({between.low:.3g} to {between.high:.3g}) samples, "
-        f"{alarms.value:.3g} ({alarms.low:.3g} to {alarms.high:.3g}) between alarms; {counted.trials} windows each"
-    )
-    click.echo(
-        f"wanted          {'kept' if kept else 'NOT kept'}: missed {missed:.3g}, run length {run_length:.3g} samples"
-    )
+    else:
+        rates = counted.missed, counted.run_length, counted.alarm_run_length
+        misses, between, alarms = (f"{one.value:.3g} ({one.low:.3g} to {one.high:.3g})" for one in rates)
+        click.echo(
+            f"half window w   {tuning.half_width} slots on each side\n"
+            f"threshold       {tuning.threshold:.2f} (GLR/σ²)\n"
+            f"prior weight    W_b = {tuning.prior_weight:.2g} (normalised, σ = 0.024)\n"
+            f"information     λ = {tuning.information:.1f}\n"
+            f"predicted       missed {tuning.missed:.3g}, run length {tuning.run_length:.3g} samples\n"
+            f"simulated       missed {misses}, run length {between} samples, {alarms} between alarms; "
+            f"{counted.trials} windows each\n"
+            f"wanted          {'kept' if kept else 'NOT kept'}: missed {missed:.3g}, "
+            f"run length {run_length:.3g} samples"
+        )
     return 0 if kept else cli.FAILED
 
 

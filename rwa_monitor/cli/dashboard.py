@@ -60,10 +60,8 @@ def dashboard(
     from rwa_monitor.dashboard.recordings import import_recordings
     from rwa_monitor.history.store import History
     from rwa_monitor.messages import PERIOD_S
-    from rwa_monitor.monitor.bus import open_session
     from rwa_monitor.monitor.setup import read_wheel
 
-    cli.warn_if_alone(bus)
     options = DashboardOptions(
         record=record,
         wheel=read_wheel(wheel) if wheel else None,
@@ -81,7 +79,7 @@ def dashboard(
                 cli.log(f"{windows} windows in the recordings, {new} of them new to the history")
     elif not record.is_dir():
         cli.log(f"there is no folder {record} yet; it is made for the history")
-    with cli.stop_on_signals() as stop, open_session(bus) as session, serve(options, session, cli.log) as running:
+    with cli.on_bus(bus) as (stop, session), serve(options, session, cli.log) as running:
         show_page(running.address_with_token, no_browser=no_browser)
         while not stop.wait(PERIOD_S):  # a signal just before a wait takes effect after it
             pass

@@ -77,7 +77,7 @@ def demo(duration: float, no_browser: bool, port: int | None, seed: int, record:
         monitor.add_done_callback(lambda _: stop.set())
         sender.add_done_callback(lambda worker: stop.set() if worker.exception() else None)
         try:
-            view.show_until(stop, duration, SEARCH_PATIENCE_S)
+            view.show_until(stop, duration)
         finally:
             ended.set()
         sender.result()
@@ -137,12 +137,12 @@ class DemoView:
         self._inbox = Inbox()
         self._subscriber = session.declare_subscriber(f"rwa/{spacecraft}/*/*", self._inbox.receive)
 
-    def show_until(self, done: Event, seconds: float, patience_s: float) -> None:
-        """Print diagnoses until `done` is set or the time is over, by `patience_s` later while a search is pending."""
+    def show_until(self, done: Event, seconds: float) -> None:
+        """Print diagnoses until `done` is set or the time is over; while a search is pending, somewhat longer."""
         from rwa_monitor.monitor.bus import IDLE_WAIT_S
 
         end = time.monotonic() + seconds
-        while not done.wait(IDLE_WAIT_S) and time.monotonic() < end + (patience_s if self._searching() else 0.0):
+        while not done.wait(IDLE_WAIT_S) and time.monotonic() < end + (SEARCH_PATIENCE_S if self._searching() else 0):
             self._take_messages()
         self._subscriber.undeclare()  # type: ignore[no-untyped-call]
         self._take_messages()

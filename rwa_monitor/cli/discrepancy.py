@@ -68,12 +68,7 @@ report_options = cli.as_one(
 @cli.flag("--json", "Print the report as one JSON object (rwa.Discrepancy).")
 @report_options
 @cli.recordings_options
-def discrepancy(
-    given: Wheel | None,
-    json: bool,
-    wanted: ReportOptions,
-    recordings: cli.Recordings,
-) -> int:
+def discrepancy(given: Wheel | None, json: bool, wanted: ReportOptions, recordings: cli.Recordings) -> int:
     """Find what a wheel's simulation lacks: the cause by name, its size, and what adding it gains.
 
     Several files are recordings of one wheel and give one joint report. Where the data cannot separate causes, all

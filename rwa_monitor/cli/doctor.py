@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import re
+import shutil
 import sys
+import time
 from collections import defaultdict
 from collections.abc import Callable, Iterable
 from contextlib import suppress
@@ -101,15 +103,12 @@ def _missing(names: Iterable[str]) -> list[str]:
 
 def _kernels() -> str:
     """Check the kernels, and the packages that use them, by diagnosing a small simulated window."""
-    import time
-
     import rwa_monitor as rwa
 
     samples = rwa.simulate(rwa.Scenario(duration_s=250.0)).samples
     began = time.perf_counter()
     (diagnosis,) = rwa.diagnose(samples)
-    elapsed = time.perf_counter() - began
-    return f"{diagnosis.samples} simulated slots diagnosed in {elapsed:.2f} s"
+    return f"{diagnosis.samples} simulated slots diagnosed in {time.perf_counter() - began:.2f} s"
 
 
 def _wheel(wheel_file: Path | None) -> str:
@@ -154,8 +153,6 @@ def look_at_recordings(folder: Path) -> str:
     RwaMonitorError
         If the folder cannot be written, is in use by another monitor, or the disk is full.
     """
-    import shutil
-
     from rich.filesize import decimal
 
     from rwa_monitor.monitor.recorder import MIN_FREE_BYTES, locked
@@ -180,8 +177,6 @@ def look_at_bus(bus: cli.BusOptions) -> str:
     RwaMonitorError
         If it should connect, and nothing answers.
     """
-    import time
-
     from rwa_monitor.monitor.bus import BusWatch, open_session
     from rwa_monitor.words import counted, first_few
 
@@ -198,20 +193,17 @@ def look_at_bus(bus: cli.BusOptions) -> str:
         routers, peers = len(list(session.info.routers_zid())), len(list(session.info.peers_zid()))
     if not routers + peers:
         return f"open, but nobody has connected in {ANSWER_S:.0f} s"
-    sending, monitored = found["samples"], found["status"]
-    listed = [f"{counted(len(one), 'wheel')} ({first_few(sorted(one)) or 'none'})" for one in (sending, monitored)]
-    unserved = sorted(sending - monitored)
+    wheels = found["samples"], found["status"]
+    sending, monitored = (f"{counted(len(one), 'wheel')} ({first_few(sorted(one)) or 'none'})" for one in wheels)
+    unserved = first_few(sorted(found["samples"] - found["status"]))
     return (
         f"open, with {counted(routers, 'router')} and {counted(peers, 'peer')} connected; in {ANSWER_S:.0f} s received"
-        f" telemetry of {listed[0]}, monitors of {listed[1]}"
-        + (f"; nobody monitors {first_few(unserved)}" if unserved else "")
+        f" telemetry of {sending}, monitors of {monitored}{unserved and f'; nobody monitors {unserved}'}"
     )
 
 
 def _publishers(session: zenoh.Session) -> defaultdict[str, set[str]]:
     """Return the wheels of which a message arrived within `ANSWER_S`, by the kind of the message."""
-    from threading import Event
-
     from rwa_monitor.messages import split_key
 
     found: defaultdict[str, set[str]] = defaultdict(set)
@@ -222,6 +214,6 @@ def _publishers(session: zenoh.Session) -> defaultdict[str, set[str]]:
             found[kind].add(f"{spacecraft}/{wheel}")
 
     subscriber = session.declare_subscriber("rwa/*/*/*", take)
-    Event().wait(ANSWER_S)
+    time.sleep(ANSWER_S)
     subscriber.undeclare()  # type: ignore[no-untyped-call]
     return found

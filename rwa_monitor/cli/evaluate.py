@@ -108,21 +108,17 @@ def _scores(timelines: Sequence[Timeline]) -> dict[str, Scores]:
 
 def _print(scores: Sequence[tuple[str, dict[str, Scores]]]) -> None:
     """Print a line for each kind and detector."""
-    from rich.table import Table
+    from rich.table import Column, Table
 
     from rwa_monitor.reporting.diagnoses import UNKNOWN
 
-    table = Table(box=None, pad_edge=False, padding=(0, 2, 0, 0))
-    table.add_column("anomaly", no_wrap=True)
-    table.add_column("alarms of", no_wrap=True)
-    for column in COLUMNS.values():
-        table.add_column(column, justify="right")
+    def cell(value: object) -> str:
+        return UNKNOWN if value is None else f"{value:.3f}" if isinstance(value, float) else str(value)
+
+    names = [Column(name, no_wrap=True) for name in ("anomaly", "alarms of")]
+    table = Table(*names, *(Column(one, justify="right") for one in COLUMNS.values()), box=None, pad_edge=False)
+    table.padding = (0, 2, 0, 0)
     for kind, rows in scores:
         for name, one in rows.items():
-            values = [getattr(one, field) for field in COLUMNS]
-            cells = [
-                UNKNOWN if value is None else f"{value:.3f}" if isinstance(value, float) else str(value)
-                for value in values
-            ]
-            table.add_row(kind if name == "diagnoses" else "", name, *cells)
+            table.add_row(kind if name == "diagnoses" else "", name, *(cell(getattr(one, field)) for field in COLUMNS))
     cli.console_of_stdout().print(table)

@@ -28,12 +28,7 @@ start_option = cli.option(
 @cli.as_one("start", cli.known_wheel, start_option, cli.motor_off_option)
 @cli.flag("--no-systems", "Learn nominal friction and noise only, for short recordings.")
 @cli.recordings_options
-def identify(
-    output: Path,
-    start: Wheel | None,
-    no_systems: bool,
-    recordings: cli.Recordings,
-) -> int:
+def identify(output: Path, start: Wheel | None, no_systems: bool, recordings: cli.Recordings) -> int:
     """Learn a wheel file from recordings of one healthy wheel.
 
     Where there is too little data to learn a switching system's law, nothing is written and the command reports how

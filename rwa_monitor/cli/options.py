@@ -18,6 +18,7 @@ import click
 from rwa_monitor.errors import InputError
 
 if TYPE_CHECKING:
+    import zenoh
     from rich.console import Console
 
     from rwa_monitor.monitor.bus import BusOptions as BusOptions  # noqa: PLC0414 - re-exported for the commands
@@ -247,6 +248,16 @@ def warn_if_alone(bus: BusOptions) -> None:
             log(f"{endpoint} lets in everybody who reaches it; docker/client.json5 shows how to join by mutual TLS")
 
 
+@contextmanager
+def on_bus(bus: BusOptions) -> Iterator[tuple[Event, zenoh.Session]]:
+    """Provide an event that signals set (`stop_on_signals`) and an open session, after `warn_if_alone`."""
+    from rwa_monitor.monitor.bus import open_session
+
+    warn_if_alone(bus)
+    with stop_on_signals() as stop, open_session(bus) as session:
+        yield stop, session
+
+
 # ---- recordings ------------------------------------------------------------------------------------------------------
 
 
@@ -267,7 +278,7 @@ class Recordings:
         self.files = files
         self.decoding = decoding
         self.failures: list[tuple[Path, str]] = []
-        self._logged: set[str] = set()
+        self._log_once = functools.cache(log)
         self._unreadable = False
 
     @property
@@ -284,9 +295,8 @@ class Recordings:
 
     def done(self, problems: Sequence[str], notes: Iterable[str]) -> None:
         """Log problems and notes of a recording, equal lines once; `problems` are bytes that could not be read."""
-        new = [note for note in dict.fromkeys((*problems, *notes)) if note not in self._logged]
-        log(*new)
-        self._logged.update(new)
+        for note in (*problems, *notes):
+            self._log_once(note)
         self._unreadable |= bool(problems)
 
     def of_one_wheel(

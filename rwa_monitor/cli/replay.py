@@ -55,12 +55,10 @@ def replay(
 
 def _publish(paths: tuple[Path, ...], speed: float, bus: cli.BusOptions) -> int:
     """Send the recorded inputs, paced by their own time."""
-    from rwa_monitor.monitor.bus import open_session
     from rwa_monitor.monitor.replay import replay_to_bus
     from rwa_monitor.words import counted
 
-    cli.warn_if_alone(bus)
-    with cli.stop_on_signals() as stop, open_session(bus) as session:
+    with cli.on_bus(bus) as (stop, session):
         sent = replay_to_bus(paths, session, speed=speed, stop=stop)
     cli.log(f"{counted(sent, 'message')} published")
     return 0

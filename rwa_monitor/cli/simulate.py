@@ -104,16 +104,15 @@ def publish(
     Ends when the scenario does, or on SIGINT or SIGTERM. The same scenario, wheel and seed give the samples of
     `simulate recording`; with --count the second wheel has the next seed, and so on.
     """
-    from rwa_monitor.monitor.bus import BusWatch, open_session, send
+    from rwa_monitor.monitor.bus import BusWatch, send
 
-    cli.warn_if_alone(bus)
     if count > 1 and "{n}" not in key:
         raise click.BadParameter("with --count, KEY needs {n} where the number of the wheel stands", param_hint="--key")
     keys = [key.replace("{n}", str(number)) for number in range(1, count + 1)]
     telemetry = {
         key: _simulate(scenario, wheel, seed + number, "published").telemetry.samples for number, key in enumerate(keys)
     }
-    with cli.stop_on_signals() as stop, open_session(bus) as session:
+    with cli.on_bus(bus) as (stop, session):
         sent = send(session, telemetry, speed=speed, batch_samples=batch, stop=stop)
         trouble = BusWatch(session, bus).trouble()
     if trouble:

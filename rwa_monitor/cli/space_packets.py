@@ -25,15 +25,14 @@ def bridge(udp: str, decoding: cli.Decoding, batch: int, stored: bool, bus: cli.
     """
     from rwa_monitor.dashboard.space_packets import Bridge, UdpAddress, listening, run_bridge
     from rwa_monitor.messages import PERIOD_S
-    from rwa_monitor.monitor.bus import BusWatch, SamplesPublisher, open_session
+    from rwa_monitor.monitor.bus import BusWatch, SamplesPublisher
     from rwa_monitor.telemetry.ccsds_packets import PacketDecoder
 
     address = UdpAddress.parse(udp, "--udp")
     decoder = PacketDecoder(decoding, "bridge")
-    cli.warn_if_alone(bus)
     if not cli.is_loopback(address.host):
         cli.log(f"--udp {udp} takes packets from everybody who reaches it: UDP does not identify the sender")
-    with cli.stop_on_signals() as stop, listening(address) as receiver, open_session(bus) as session:
+    with cli.on_bus(bus) as (stop, session), listening(address) as receiver:
         publishers = {
             wheel.map.key: SamplesPublisher(session, wheel.map.key, "stored" if stored else None)
             for wheel in decoder.wheels
@@ -69,7 +68,7 @@ def packets(
     """
     from rwa_monitor.dashboard.space_packets import PacketSender, PacketWriter, UdpAddress
     from rwa_monitor.messages import PERIOD_S
-    from rwa_monitor.monitor.bus import BusWatch, open_session
+    from rwa_monitor.monitor.bus import BusWatch
     from rwa_monitor.telemetry.files import display_name, write_text
 
     if to is None and xtce is None:
@@ -81,14 +80,9 @@ def packets(
         cli.log(f"written to {display_name(xtce)}")
     if address is None:
         return
-    cli.warn_if_alone(bus)
     if not cli.is_loopback(address.host):
         cli.log(f"--to {to} sends to another machine: UDP neither encrypts nor identifies the sender")
-    with (
-        cli.stop_on_signals() as stop,
-        open_session(bus) as session,
-        PacketSender(session, writer, address, cli.log) as sender,
-    ):
+    with cli.on_bus(bus) as (stop, session), PacketSender(session, writer, address, cli.log) as sender:
         cli.log(f"sending to UDP {address.host} port {address.port}")
         watch = BusWatch(session, bus)
         while not stop.wait(PERIOD_S):

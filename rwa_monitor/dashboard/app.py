@@ -13,6 +13,7 @@ from __future__ import annotations
 import asyncio
 import secrets
 import time
+from collections import Counter
 from collections.abc import AsyncIterator, Callable, Container, Iterable, Sequence
 from contextlib import asynccontextmanager, suppress
 from functools import partial
@@ -31,12 +32,22 @@ from prometheus_client.core import CounterMetricFamily, GaugeMetricFamily, Metri
 from prometheus_client.exposition import CONTENT_TYPE_PLAIN_0_0_4, generate_latest
 from prometheus_client.registry import Collector
 from pydantic import BaseModel, ConfigDict, Field, StringConstraints
+from starlette.datastructures import MutableHeaders
 from starlette.exceptions import HTTPException
 from starlette.types import ASGIApp, Receive, Scope, Send
 
 from rwa_monitor import __version__, messages
-from rwa_monitor.dashboard.feed import AlarmNotifier, Client, array_json, frame, pulse
-from rwa_monitor.dashboard.fleet import REMEMBERED, Fleet, Received, VerdictHistory, Wheel, record_entry
+from rwa_monitor.dashboard.feed import AlarmNotifier, Client, frame, pulse
+from rwa_monitor.dashboard.fleet import (
+    REMEMBERED,
+    Fleet,
+    Received,
+    VerdictHistory,
+    Wheel,
+    array_json,
+    object_json,
+    record_entry,
+)
 from rwa_monitor.dashboard.recordings import RecordingFile, list_recordings, recorded_samples, replay_json
 from rwa_monitor.errors import InputError
 from rwa_monitor.history.alarms import STORED_ALARM
@@ -46,7 +57,6 @@ from rwa_monitor.messages import (
     Changepoints,
     Diagnosis,
     Discrepancy,
-    Message,
     SamplesMessage,
     Status,
     Verdict,
@@ -59,7 +69,7 @@ SAMPLES: Final = ("used", "masked", "late", "duplicate", "rejected")
 MESSAGES: Final = ("missed", "dropped", "rejected")
 
 
-def metrics(fleet: Fleet, alarms: Sequence[AlarmRecord], clients: int, retired: Container[tuple[str, str]] = ()) -> str:
+def metrics(fleet: Fleet, alarms: Sequence[AlarmRecord], retired: Container[tuple[str, str]]) -> str:
     """Return all metrics as text.
 
     Parameters
@@ -68,8 +78,6 @@ def metrics(fleet: Fleet, alarms: Sequence[AlarmRecord], clients: int, retired: 
         All live wheels.
     alarms
         All open alarms.
-    clients
-        Number of open pages.
     retired
         Spacecraft and wheel of retired wheels, which have no metrics.
     """
@@ -78,16 +86,17 @@ def metrics(fleet: Fleet, alarms: Sequence[AlarmRecord], clients: int, retired: 
         for spacecraft, wheel, known in fleet.wheels():
             if (spacecraft, wheel) not in retired and not wheel.endswith(messages.REPLAY):
                 _add_wheel(partial(found.add, spacecraft=spacecraft, wheel=wheel), known)
-    alarms = [alarm for alarm in alarms if (alarm.spacecraft, alarm.wheel) not in retired]
-    stored = [alarm for alarm in alarms if alarm.name.endswith(STORED_ALARM)]
+    counts = Counter(
+        (alarm.level, STORED_ALARM if alarm.name.endswith(STORED_ALARM) else alarm.phase)
+        for alarm in alarms
+        if (alarm.spacecraft, alarm.wheel) not in retired
+    )
     for level in get_args(AlarmLevel):
         for phase in ("active", "acknowledged", "returned"):
-            count = sum(alarm.level == level and alarm.phase == phase for alarm in alarms if alarm not in stored)
             about = "Open alarms by level, and whether they are acknowledged."
-            found.add("rwa_alarms", about, count, level=level, phase=phase)
+            found.add("rwa_alarms", about, counts[level, phase], level=level, phase=phase)
         about = "Alarms of stored telemetry, with times of then, that nobody has acknowledged, by level."
-        found.add("rwa_stored_alarms", about, sum(alarm.level == level for alarm in stored), level=level)
-    found.add("rwa_dashboard_pages", "Pages that are open.", clients)
+        found.add("rwa_stored_alarms", about, counts[level, STORED_ALARM], level=level)
     found.add("rwa_dashboard_info", "Always 1; the labels name what runs.", 1, software=SOFTWARE, build=__version__)
     return generate_latest(found).decode()
 
@@ -115,14 +124,12 @@ def _add_wheel(add: Callable[..., None], known: Wheel) -> None:
     """Add the metrics of a wheel; `add` labels each with the wheel's name."""
     if known.diagnosis is not None:
         _add_diagnosis(add, known.diagnosis)
-    if known.arrivals.wall_ns is not None:
-        add(
-            "rwa_wheel_telemetry_age_seconds",
-            "Time since samples of the wheel came last.",
-            _age_s(known.arrivals.wall_ns),
-        )
+    arrivals = known.arrivals
+    if arrivals.wall_ns is not None:
+        about = "Time since samples of the wheel came last."
+        add("rwa_wheel_telemetry_age_seconds", about, _age_s(arrivals.wall_ns))
         about = "Age at which its samples are stale."
-        add("rwa_wheel_telemetry_stale_after_seconds", about, known.arrivals.stale_after_s)
+        add("rwa_wheel_telemetry_stale_after_seconds", about, arrivals.stale_after_s)
     if known.status is not None:
         about = "Time since the wheel's monitor reported last."
         add("rwa_monitor_status_age_seconds", about, _age_s(known.latest[Status.kind].wall_ns))
@@ -139,8 +146,6 @@ def _add_diagnosis(add: Callable[..., None], window: Diagnosis) -> None:
         add("rwa_wheel_verdict", about, window.verdict == verdict, verdict=verdict)
     add("rwa_wheel_model_adequate", "1 where the friction model fits the wheel.", window.model_adequate)
     add("rwa_wheel_coverage_ratio", "Share of the latest window with a good sample.", window.coverage)
-    end_s = window.window_end_ns / NANOSECONDS_PER_SECOND
-    add("rwa_wheel_window_end_seconds", "End of the latest window on the wheel's own clock.", end_s)
     for part, one in window.anomalies.items():
         add("rwa_wheel_anomaly_probability", "Probability that a part is anomalous.", one.probability, part=part)
         about = "0 at the nominal bound, 1 at the median of the learned anomaly."
@@ -152,7 +157,6 @@ def _add_diagnosis(add: Callable[..., None], window: Diagnosis) -> None:
 
 
 def _add_status(add: Callable[..., None], status: Status) -> None:
-    add("rwa_monitor_window_fill_ratio", "Share of the running window that has passed.", status.window_fill)
     add("rwa_monitor_queue_messages", "Messages that wait in the wheel's monitor.", status.queue_depth)
     add("rwa_monitor_slots_missed_total", "Slots of the wheel that no sample came for.", status.slots_missed)
     add("rwa_monitor_windows_total", "Windows of the wheel that were diagnosed.", status.windows)
@@ -169,9 +173,6 @@ def _add_status(add: Callable[..., None], status: Status) -> None:
 
 STATIC: Final = Path(__file__).parent / "static"
 MAX_BODY_BYTES: Final = 16_384
-MAX_NAME: Final = 100  # characters of a person's name
-MAX_NOTE: Final = 2_000
-MAX_SHELVED_S: Final = 7 * SECONDS_PER_DAY
 MAX_WINDOWS: Final = 1_000
 MAX_ESTIMATES: Final = 20_000  # of four parts, 9 windows a day: some 18 months
 DEFAULT_LIMIT: Final = 200
@@ -193,14 +194,14 @@ class _Shown(BaseModel):
 class Acknowledgement(_Shown):
     """Who has seen an alarm, with a note."""
 
-    name: Annotated[str, StringConstraints(strip_whitespace=True, min_length=1, max_length=MAX_NAME)]
-    note: Annotated[str, StringConstraints(strip_whitespace=True, max_length=MAX_NOTE)] = ""
+    name: Annotated[str, StringConstraints(strip_whitespace=True, min_length=1, max_length=100)]
+    note: Annotated[str, StringConstraints(strip_whitespace=True, max_length=2_000)] = ""
 
 
 class Shelving(Acknowledgement):
-    """Who shelves an alarm, for how long, and why; 0 s ends it."""
+    """Who shelves an alarm, for how long (a week at most), and why; 0 s ends it."""
 
-    seconds: Annotated[float, Field(ge=0, le=MAX_SHELVED_S, allow_inf_nan=False)]
+    seconds: Annotated[float, Field(ge=0, le=7 * SECONDS_PER_DAY, allow_inf_nan=False)]
 
 
 class Retirement(Acknowledgement):
@@ -239,18 +240,12 @@ class PulseOfWheel(_Shown):
     refused: str | None
 
 
-class Software(_Shown):
-    """The name and version of the dashboard."""
-
-    software: str
-
-
 class Entry(_Shown):
     """One entry of the feed, or of a recording.
 
     The key names the message: as on the bus, rwa/{spacecraft}/{wheel}/{kind}, with the kinds `alarm` and `retirement`
-    (an audit event of a retired wheel) beside the bus's own; dashboard/beat, dashboard/software, or dashboard/pulse,
-    which is by "{spacecraft}/{wheel}".
+    (an audit event of a retired wheel) beside the bus's own; dashboard/beat, or dashboard/pulse, which is by
+    "{spacecraft}/{wheel}".
     `received_wall_ns` is null for what is from the history. Beside a status stands when samples came last, beside a
     diagnosis the history of the verdict. `time_ns`, on the wheel's clock, is of recordings only.
     """
@@ -261,7 +256,7 @@ class Entry(_Shown):
     beside: TelemetryState | VerdictState | None
     message: (
         Diagnosis | Status | Changepoints | SamplesMessage | Discrepancy | AlarmRecord | RetirementEvent
-        | Beat | Software
+        | Beat
         | dict[str, PulseOfWheel]
     )  # fmt: skip
 
@@ -300,7 +295,7 @@ class Refusal(_Shown):
 # ---- the application -------------------------------------------------------------------------------------------------
 
 
-def create_app(api: Api, token: str, origin: str | None = None) -> FastAPI:
+def create_app(api: Api, token: str, origin: str | None) -> FastAPI:
     """Return the application; changes need the token, and pages of `origin`, if given, may read.
 
     FastAPI's documentation pages are off, as they load scripts from other sites.
@@ -346,19 +341,19 @@ def _add_routes(app: FastAPI, api: Api) -> None:
     get(wheel, api.wheel, response_model=WheelNow, responses=refused)
     get(f"{wheel}/samples", api.samples, response_model=SamplesMessage | None)
     get(f"{wheel}/windows", api.windows, response_model=list[Diagnosis])
-    get(f"{wheel}/estimates", api.estimates, response_model=list[EstimateRecord])
-    get(f"{wheel}/trend", api.trend, response_model=list[TrendRecord])
-    get(f"{wheel}/retirement", api.retirement, response_model=list[RetirementEvent])
-    get("/api/alarms", api.alarms, response_model=list[AlarmRecord])
-    get("/api/recordings", api.recordings, response_model=list[RecordingFile])
+    get(f"{wheel}/estimates", api.estimates)
+    get(f"{wheel}/trend", api.trend)
+    get(f"{wheel}/retirement", api.retirement)
+    get("/api/alarms", api.alarms)
+    get("/api/recordings", api.recordings)
     get("/api/recordings/{name}", api.recording, response_model=Replay)
     token = Depends(HTTPBearer(scheme_name="token", auto_error=False))  # `Guard` has checked it
-    for path, change, answer in (
-        (f"{wheel}/retirement", api.retire, RetirementEvent),
-        ("/api/alarms/{alarm:int}/acknowledge", api.acknowledge, AlarmRecord),
-        ("/api/alarms/{alarm:int}/shelve", api.shelve, AlarmRecord),
+    for path, change in (
+        (f"{wheel}/retirement", api.retire),
+        ("/api/alarms/{alarm:int}/acknowledge", api.acknowledge),
+        ("/api/alarms/{alarm:int}/shelve", api.shelve),
     ):
-        get(path, change, methods=["POST"], response_model=answer, responses=refused, dependencies=[token])
+        get(path, change, methods=["POST"], responses=refused, dependencies=[token])
 
 
 class Guard:
@@ -376,7 +371,7 @@ class Guard:
 
         async def with_headers(message: Any) -> None:
             if message["type"] == "http.response.start":
-                message["headers"] += [(name.encode(), value.encode()) for name, value in self._headers.items()]
+                MutableHeaders(scope=message).update(self._headers)
             await send(message)
 
         status, reason = self._refusal(scope)
@@ -407,7 +402,8 @@ class Guard:
 class Api:
     """The request handlers. FastAPI runs those that are not coroutines in a thread pool.
 
-    Answers are written as bytes from stored JSON: FastAPI documents them, but neither validates nor serialises them.
+    Answers made of messages of the bus are written as bytes from stored JSON: FastAPI documents them, but neither
+    validates nor serialises them.
 
     Parameters
     ----------
@@ -416,19 +412,18 @@ class Api:
     notifier
         Publishes changes of alarms; has the history.
     recordings
-        Folder of the recordings, or None.
+        Folder of the recordings.
     """
 
-    def __init__(self, fleet: Fleet, notifier: AlarmNotifier, recordings: Path | None) -> None:
+    def __init__(self, fleet: Fleet, notifier: AlarmNotifier, recordings: Path) -> None:
         self._fleet, self._history, self.notifier, self._folder = fleet, notifier.history, notifier, recordings
         self._earlier: dict[tuple[str, str], tuple[bytes, VerdictHistory]] = {}  # with their latest diagnosis
 
     def _first_frame(self) -> str:
-        first = [Received("dashboard/software", messages.dump_json({"software": SOFTWARE}), None)]
         try:
-            first += self._snapshot()
+            first = self._snapshot()
         except HistoryError:
-            first += self._fleet.snapshot()
+            first = self._fleet.snapshot()
         return frame([*(entry for entry in first if not entry.brief), *pulse(entry for entry in first if entry.brief)])
 
     def fleet(self) -> Response:
@@ -475,7 +470,7 @@ class Api:
             raise HTTPException(404, "no such wheel")
         if parts["discrepancy"] == b"null":
             parts["discrepancy"] = self._history.discrepancy(spacecraft, wheel) or b"null"
-        return _json(b"{" + b",".join(b'"%b":%b' % (name.encode(), part) for name, part in parts.items()) + b"}")
+        return _json(object_json(parts))
 
     def samples(self, spacecraft: str, wheel: str) -> Response:
         """Answer with the thinned samples of one wheel's latest window that the recordings hold; null for none."""
@@ -486,29 +481,30 @@ class Api:
         self, spacecraft: str, wheel: str, limit: Annotated[int, Query(ge=1, le=MAX_WINDOWS)] = DEFAULT_LIMIT
     ) -> Response:
         """Answer with the latest diagnoses of one wheel, the oldest first."""
-        return _list(self._history.windows(spacecraft, wheel, limit))
+        windows = self._history.windows(spacecraft, wheel, limit)
+        return _json(array_json(window.to_json() for window in windows))
 
     def estimates(
         self, spacecraft: str, wheel: str, limit: Annotated[int, Query(ge=1, le=MAX_ESTIMATES)] = DEFAULT_LIMIT
-    ) -> Response:
+    ) -> list[EstimateRecord]:
         """Answer with the latest estimates of one wheel, the oldest first."""
-        return _list(self._history.estimates(spacecraft, wheel, limit))
+        return self._history.estimates(spacecraft, wheel, limit)
 
-    def trend(self, spacecraft: str, wheel: str) -> Response:
+    def trend(self, spacecraft: str, wheel: str) -> list[TrendRecord]:
         """Answer with the trends of one wheel's estimates."""
-        return _list(trends(self._history.estimates(spacecraft, wheel, MAX_ESTIMATES)))
+        return trends(self._history.estimates(spacecraft, wheel, MAX_ESTIMATES))
 
-    def retirement(self, spacecraft: str, wheel: str) -> Response:
+    def retirement(self, spacecraft: str, wheel: str) -> list[RetirementEvent]:
         """Answer with who has retired a wheel and brought it back, the oldest event first."""
-        return _list(self._history.retired.events(spacecraft, wheel))
+        return self._history.retired.events(spacecraft, wheel)
 
-    def retire(self, spacecraft: str, wheel: str, who: Retirement) -> Response:
+    def retire(self, spacecraft: str, wheel: str, who: Retirement) -> RetirementEvent:
         """Retire a wheel that sends no telemetry, or bring it back; needs the token."""
         if who.retire:
             self._check_quiet(spacecraft, wheel)
         event = self._history.retired.change(spacecraft, wheel, who.name, who.note, retire=who.retire)
         self.notifier.hub.post(record_entry(event, "retirement"))
-        return _json(event.to_json())
+        return event
 
     def _check_quiet(self, spacecraft: str, wheel: str) -> None:
         """Refuse to retire a wheel that is unknown, or that still sends telemetry."""
@@ -523,33 +519,29 @@ class Api:
             reason = f"its telemetry is of now: it can be retired when none has come for {stale_after_s:.0f} s"
             raise InputError(f"{spacecraft}/{wheel}", reason)
 
-    def alarms(self) -> Response:
+    def alarms(self) -> list[AlarmRecord]:
         """Answer with all open alarms and the latest closed ones."""
-        return _list(self._history.alarms())
+        return self._history.alarms()
 
-    def acknowledge(self, alarm: int, who: Acknowledgement) -> Response:
-        """Acknowledge an alarm; needs the token."""
-        return self._changed(self._history.acknowledge(alarm, who.name, who.note))
+    def acknowledge(self, alarm: int, who: Acknowledgement) -> AlarmRecord:
+        """Acknowledge an alarm, and report that to pages and bus; needs the token."""
+        self.notifier.publish(changed := self._history.acknowledge(alarm, who.name, who.note))
+        return changed
 
-    def shelve(self, alarm: int, who: Shelving) -> Response:
-        """Shelve an alarm for a while; needs the token."""
-        return self._changed(self._history.shelve(alarm, who.name, who.seconds, who.note))
-
-    def _changed(self, alarm: AlarmRecord) -> Response:
-        """Report a change of an alarm to pages and bus, and answer with the alarm."""
-        self.notifier.publish(alarm)
-        return _json(alarm.to_json())
+    def shelve(self, alarm: int, who: Shelving) -> AlarmRecord:
+        """Shelve an alarm for a while, and report that to pages and bus; needs the token."""
+        self.notifier.publish(changed := self._history.shelve(alarm, who.name, who.seconds, who.note))
+        return changed
 
     def metrics(self, request: Request) -> Response:
         """Answer with all metrics, for Prometheus."""
         del request
-        alarms, retired = self._history.alarms(closed=0), self._history.retired.names()
-        text = metrics(self._fleet, alarms, len(self.notifier.hub.clients), retired)
+        text = metrics(self._fleet, self._history.alarms(closed=0), self._history.retired.names())
         return Response(text, media_type=CONTENT_TYPE_PLAIN_0_0_4)
 
-    def recordings(self) -> Response:
+    def recordings(self) -> list[RecordingFile]:
         """Answer with the recordings there are, the latest first."""
-        return _list(list_recordings(self._folder))
+        return list_recordings(self._folder)
 
     def recording(self, name: str) -> Response:
         """Answer with one recording as entries of the feed, samples thinned."""
@@ -590,10 +582,6 @@ async def _send(socket: WebSocket, client: Client) -> None:
 
 def _json(content: bytes) -> Response:
     return Response(content, media_type="application/json")
-
-
-def _list(listed: Iterable[Message]) -> Response:
-    return _json(array_json(message.to_json() for message in listed))
 
 
 async def _refused(request: Request, error: Exception) -> Response:

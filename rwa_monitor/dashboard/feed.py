@@ -16,13 +16,24 @@ from collections import deque
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
+from functools import cache
 from threading import Lock
 from typing import Final, Self
 
 import zenoh
 
 from rwa_monitor import messages
-from rwa_monitor.dashboard.fleet import KEYS, REMEMBERED, Fleet, Received, Wheel, record_entry, thinned_json
+from rwa_monitor.dashboard.fleet import (
+    KEYS,
+    REMEMBERED,
+    Fleet,
+    Received,
+    Wheel,
+    array_json,
+    object_json,
+    record_entry,
+    thinned_json,
+)
 from rwa_monitor.errors import InputError
 from rwa_monitor.history.alarms import ALL_WHEELS, STORED_ALARM
 from rwa_monitor.history.database import AlarmRecord, HistoryError, MonitorState, RetirementEvent
@@ -51,13 +62,12 @@ class Client:
         try:
             self.frames.put_nowait(frame)
         except asyncio.QueueFull:
-            with suppress(asyncio.QueueEmpty):
-                self.frames.get_nowait()
+            self.frames.get_nowait()
             self.frames.put_nowait(None)
 
 
 class Hub:
-    """Collects entries and sends them to pages. Other threads use `post`, `watched`, `notes`, `len(clients)` only."""
+    """Collects entries and sends them to pages. Other threads use `post`, `watched`, `notes` only."""
 
     def __init__(self) -> None:
         self.clients: set[Client] = set()
@@ -101,31 +111,28 @@ class Hub:
             else:
                 entries.append(received)
         entries += pulse(statuses.values())
-        frames: dict[str, str] = {}  # by the wheel shown: pages that show the same one get the same frame
+
+        @cache
+        def frame_of(wheel: str) -> str:
+            """Return the frame of the pages that show a wheel, "" where it has no entries."""
+            own = [entry for entry in close_up if entry.wheel == wheel]
+            shown = [*entries, *([statuses[wheel]] if wheel in statuses else ()), *own]
+            return frame(shown) if shown else ""
+
         for client in tuple(self.clients):
-            watches = client.watches
-            if watches not in frames:
-                own = [entry for entry in close_up if entry.wheel == watches]
-                shown = [*entries, *([statuses[watches]] if watches in statuses else ()), *own]
-                frames[watches] = frame(shown) if shown else ""
-            if frames[watches]:
-                client.put(frames[watches])
+            if text := frame_of(client.watches):
+                client.put(text)
 
 
 def pulse(statuses: Iterable[Received]) -> list[Received]:
     """Return the brief forms of several statuses as one entry; no entry for no status."""
-    beats = b",".join(b'"%b":%b' % (one.wheel.encode(), one.brief) for one in statuses)
-    return [Received(PULSE_KEY, b"{" + beats + b"}", time.time_ns())] if beats else []
+    beats = {one.wheel: one.brief for one in statuses}
+    return [Received(PULSE_KEY, object_json(beats), time.time_ns())] if beats else []
 
 
 def frame(entries: Iterable[Received]) -> str:
     """Return entries as one frame."""
     return array_json(entry.to_json() for entry in entries).decode()
-
-
-def array_json(parts: Iterable[bytes]) -> bytes:
-    """Return JSON values as one array."""
-    return b"[" + b",".join(parts) + b"]"
 
 
 # ---- publication of alarms -------------------------------------------------------------------------------------------
@@ -259,8 +266,7 @@ class Listener(BusThread):
         self._waiting: deque[Diagnosis | Discrepancy | RetirementEvent] = deque(maxlen=MAX_WAITING)
         # Windows whose samples were old by the clock when they arrived.
         self._late: deque[tuple[str, str, int]] = deque(maxlen=MAX_WAITING)
-        self._retry_due_s = 0.0
-        self._check_due_s = self._prune_due_s = 0.0
+        self._retry_due_s = self._check_due_s = self._prune_due_s = 0.0
         self._watch = BusWatch(notifier.session, bus)
         self._monitors = MonitorWatch(silent_s, self.history.monitors())
         super().__init__(notifier.session, "dashboard listener", KEYS)

@@ -2,7 +2,7 @@
 
 import time
 from collections import deque
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from threading import Lock
 from typing import Any, Final, NamedTuple
@@ -19,7 +19,6 @@ from rwa_monitor.wheel.torque_balance import corrected_friction, motor_torque, s
 from rwa_monitor.wheel.wheel import Wheel as WheelConstants
 
 KEYS: Final = "rwa/*/*/*"  # on the bus
-MAX_PROVISIONAL: Final = 200  # changepoints of an open window that are kept
 REMEMBERED: Final = 50  # windows that a verdict history keeps, and is initialised with
 
 
@@ -194,6 +193,16 @@ def _known(values: FloatArray | None, count: int) -> FloatArray:
 # ---- the latest message of each kind of each wheel -------------------------------------------------------------------
 
 
+def array_json(parts: Iterable[bytes]) -> bytes:
+    """Return JSON values as one array."""
+    return b"[" + b",".join(parts) + b"]"
+
+
+def object_json(parts: Mapping[str, bytes]) -> bytes:
+    """Return JSON values by their names as one object."""
+    return b"{" + b",".join(b'"%b":%b' % (name.encode(), part) for name, part in parts.items()) + b"}"
+
+
 class Received(NamedTuple):
     """A message in JSON, its key, and when it was received [ns, this machine's clock; None: from the history].
 
@@ -213,11 +222,11 @@ class Received(NamedTuple):
         """Spacecraft and wheel, as "spacecraft/wheel"."""
         return self.key.split("/", 1)[1].rpartition("/")[0]
 
-    def to_json(self) -> bytes:
-        """Return the message as an entry of the feed."""
-        wall = b"null" if self.wall_ns is None else str(self.wall_ns).encode()
-        head = b'{"key":"' + self.key.encode() + b'","received_wall_ns":' + wall + b',"beside":' + self.beside
-        return head + b',"message":' + self.payload + b"}"
+    def to_json(self, **more: bytes) -> bytes:
+        """Return the message as an entry of the feed, with more fields before its own."""
+        key, wall_ns = messages.dump_json(self.key), messages.dump_json(self.wall_ns)
+        own = {"key": key, "received_wall_ns": wall_ns, "beside": self.beside, "message": self.payload}
+        return object_json(more | own)
 
 
 def record_entry(record: AlarmRecord | RetirementEvent, kind: str) -> Received:
@@ -267,7 +276,7 @@ class Wheel:
 
     derived: DerivedFriction
     latest: dict[str, Received] = field(default_factory=dict)
-    provisional: list[Received] = field(default_factory=list)
+    provisional: deque[Received] = field(default_factory=lambda: deque(maxlen=200))  # changepoints of the open window
     decimated: DecimatedSamples = field(default_factory=DecimatedSamples)
     arrivals: ArrivalTimes = field(default_factory=ArrivalTimes)
     verdicts: VerdictHistory = field(default_factory=VerdictHistory)
@@ -324,7 +333,7 @@ class Fleet:
                     received = received._replace(beside=messages.dump_json(arrivals), brief=brief)
                     wheel.latest[Status.kind] = received
                 case Changepoints():
-                    wheel.provisional = [*wheel.provisional, received][-MAX_PROVISIONAL:]
+                    wheel.provisional.append(received)
                 case Diagnosis():
                     wheel.verdicts.extend([message])
                     received = received._replace(beside=wheel.verdicts.to_json())

@@ -8,13 +8,15 @@ from pathlib import Path
 from typing import Final
 
 from rwa_monitor import messages
-from rwa_monitor.dashboard.feed import BATCH, array_json
+from rwa_monitor.dashboard.feed import BATCH
 from rwa_monitor.dashboard.fleet import (
     MAX_POINTS,
     DecimatedSamples,
     DerivedFriction,
     Fleet,
     Received,
+    array_json,
+    object_json,
     thinned_json,
 )
 from rwa_monitor.errors import InputError
@@ -42,10 +44,8 @@ class RecordingFile(Message):
     last_ns: int | None = None
 
 
-def list_recordings(folder: Path | None) -> list[RecordingFile]:
+def list_recordings(folder: Path) -> list[RecordingFile]:
     """Return the recordings of a folder, the latest first; none where the folder does not exist."""
-    if folder is None or not folder.is_dir():
-        return []
     paths = sorted(folder.glob(f"*{RECORDING_SUFFIX}"), reverse=True)
     return [_file(path, (facts := path.stat()).st_size, facts.st_mtime_ns) for path in paths if path.is_file()]
 
@@ -62,7 +62,7 @@ def _file(path: Path, size_bytes: int, changed_wall_ns: int) -> RecordingFile:
     )
 
 
-def replay_json(folder: Path | None, name: str) -> bytes:
+def replay_json(folder: Path, name: str) -> bytes:
     """Return a recording as JSON: problems, and entries {time_ns, key, message}, samples thinned.
 
     Raises
@@ -70,17 +70,15 @@ def replay_json(folder: Path | None, name: str) -> bytes:
     InputError
         If the folder holds no recording of that name, or it cannot be read.
     """
-    if folder is None or name not in {entry.name for entry in list_recordings(folder)}:
+    if name not in {entry.name for entry in list_recordings(folder)}:
         raise InputError(name, "is no recording here")
-    path = folder / name
-    recording = read_recording(path)
-    entries = list(_entries(recording))
+    recording = read_recording(folder / name)
+    entries = array_json(_entries(recording))
     # The page shows which parts are damaged.
-    problems = messages.dump_json(recording.problems)
-    return b'{"problems":' + problems + b',"entries":' + array_json(entries) + b"}"
+    return object_json({"problems": messages.dump_json(recording.problems), "entries": entries})
 
 
-def recorded_samples(folder: Path | None, window: Diagnosis) -> bytes:
+def recorded_samples(folder: Path, window: Diagnosis) -> bytes:
     """Return the samples of a window that the recordings of a folder hold, thinned, as the JSON of a `SamplesMessage`.
 
     "null" where there are none.
@@ -92,7 +90,7 @@ def recorded_samples(folder: Path | None, window: Diagnosis) -> bytes:
         if entry.first_ns is None or entry.last_ns is None or entry.first_ns >= end_ns or entry.last_ns < start_ns:
             continue
         with suppress(InputError):  # damaged, or too large: the samples of the others are shown
-            recording = read_recording((folder or Path()) / entry.name)
+            recording = read_recording(folder / entry.name)
             setup = Setup.found_in(recording) or Setup()
             derived = DerivedFriction(setup.wheel(window.spacecraft, window.wheel))
             for message in recording.messages:
@@ -102,12 +100,11 @@ def recorded_samples(folder: Path | None, window: Diagnosis) -> bytes:
     return decimated.message()
 
 
-def latest_setup(folder: Path | None) -> Setup | None:
+def latest_setup(folder: Path) -> Setup | None:
     """Return the setup of the latest recording of a folder that has one; None where there is none."""
     for entry in list_recordings(folder):
         with suppress(InputError):  # damaged, or too large: an earlier one is used
-            recording = read_recording((folder or Path()) / entry.name)
-            if (setup := Setup.found_in(recording)) is not None:
+            if setup := Setup.found_in(read_recording(folder / entry.name)):
                 return setup
     return None
 
@@ -134,7 +131,7 @@ def _entries(recording: Recording) -> Iterator[bytes]:
             entry = entry._replace(payload=thinned_json(picked))
         elif wheel is not None and isinstance(shown, Diagnosis):
             entry = fleet.take(wheel, shown, entry)
-        yield b'{"time_ns":%d,%b' % (message.time_ns, entry.to_json()[1:])
+        yield entry.to_json(time_ns=messages.dump_json(message.time_ns))
 
 
 # ---- import into the history -----------------------------------------------------------------------------------------

@@ -26,7 +26,6 @@ from rwa_monitor.words import Log
 HOST: Final = "127.0.0.1"
 DEFAULT_PORT: Final = 8750
 HISTORY_NAME: Final = "history.sqlite3"
-SHUTDOWN_S: Final = 2
 
 
 class DashboardOptions(NamedTuple):
@@ -37,14 +36,14 @@ class DashboardOptions(NamedTuple):
     port
         On loopback; 0 for any free port; None for the default one, or any free port if that is taken.
     record
-        Folder of the recordings; None for no recordings.
+        Folder of the recordings.
     wheel
         Constants of the wheels, to derive friction from current; None for those of the latest recording in the folder,
         or else of the built-in wheel.
     bus
         Options that the session was opened with: the page shows if none of their endpoints can be reached.
     history
-        URL of a PostgreSQL database for the history; None for a file in the folder, or in memory without a folder.
+        URL of a PostgreSQL database for the history; None for a file in the folder.
     silent_s
         Silence from which a wheel's monitor raises an alarm [s]; 0 for none.
     foxglove
@@ -55,8 +54,8 @@ class DashboardOptions(NamedTuple):
         Required for changes; None for a random one.
     """
 
-    port: int | None = None
-    record: Path | None = None
+    port: int | None
+    record: Path
     token: str | None = None
     wheel: Wheel | None = None
     bus: BusOptions = BusOptions()
@@ -66,9 +65,9 @@ class DashboardOptions(NamedTuple):
     allow_origin: str | None = None
 
     @property
-    def history_place(self) -> Path | str | None:
+    def history_place(self) -> Path | str:
         """Where the history is kept."""
-        return self.history or (self.record / HISTORY_NAME if self.record else None)
+        return self.history or self.record / HISTORY_NAME
 
 
 class Running(NamedTuple):
@@ -104,7 +103,7 @@ def serve(options: DashboardOptions, session: zenoh.Session, log: Log = print) -
             ws="websockets-sansio",
             ws_max_size=4096,
             ws_per_message_deflate=False,  # on loopback compression costs more time than it saves
-            timeout_graceful_shutdown=SHUTDOWN_S,
+            timeout_graceful_shutdown=2,
         )
         server = uvicorn.Server(config)
         thread = Thread(target=server.run, kwargs={"sockets": [listening]}, name="dashboard server", daemon=True)
@@ -121,9 +120,10 @@ def serve(options: DashboardOptions, session: zenoh.Session, log: Log = print) -
                 from rwa_monitor.dashboard.foxglove_server import FoxgloveServer  # noqa: PLC0415 - an extra of its own
             foxglove = stack.enter_context(FoxgloveServer(session, options.foxglove))
             log(f"Foxglove connects to {foxglove.address}")
-        if options.port is None and listening.getsockname()[1] != DEFAULT_PORT:
+        port = listening.getsockname()[1]
+        if options.port is None and port != DEFAULT_PORT:
             log(f"port {DEFAULT_PORT} is taken by another program; the page is elsewhere")
-        address = f"http://{HOST}:{listening.getsockname()[1]}/"
+        address = f"http://{HOST}:{port}/"
         yield Running(address, f"{address}#token={token}")
 
 

@@ -12,6 +12,7 @@ system: the packets' sequence count reveals it.
 
 from __future__ import annotations
 
+import math
 import re
 import socket
 import struct
@@ -39,7 +40,6 @@ from rwa_monitor.telemetry.ccsds_packets import (
     SEQUENCE_MODULUS,
     UNSEGMENTED,
     PacketDecoder,
-    WheelPackets,
     packet_notes,
     split_packets,
 )
@@ -81,7 +81,7 @@ class Field(NamedTuple):
             return struct.pack(f"{TEXT_BYTES}s", text.encode())
         if self.type in ENUMERATIONS:
             return struct.pack("B", ENUMERATIONS[self.type].index(value))
-        return struct.pack(">d", float("nan") if value is None else value)
+        return struct.pack(">d", math.nan if value is None else value)
 
 
 class Packet(NamedTuple):
@@ -130,9 +130,7 @@ def _alarm_fields(names: Sequence[str]) -> list[Field]:
 
     def of(name: str, what: str, health: Health) -> str:
         states = health.alarm_states or {}
-        chosen = [states[name]] if name in states else []
-        if name == OTHER:
-            chosen = [state for other, state in states.items() if other not in names]
+        chosen = [state for one, state in states.items() if one == name or (name == OTHER and one not in names)]
         worst = max(chosen, key=lambda state: Level[state.level.upper()], default=None)
         return str(getattr(worst, what)) if worst else {"level": "normal", "phase": "quiet"}[what]
 
@@ -299,7 +297,6 @@ class PacketSender(BusThread):
 
 
 MAX_DATAGRAM_BYTES: Final = 65_535  # the largest value of UDP's length field
-RECEIVE_BUFFER_BYTES: Final = 4 * 2**20  # requested; the system may grant less
 
 
 class UdpAddress(NamedTuple):
@@ -330,7 +327,7 @@ def listening(address: UdpAddress) -> Iterator[socket.socket]:
     """Open a socket that receives datagrams at an address; raises RwaMonitorError if that is not possible."""
     receiver, place = address.open()
     with receiver:
-        receiver.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, RECEIVE_BUFFER_BYTES)
+        receiver.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4 * 2**20)  # the system may grant less
         receiver.settimeout(IDLE_WAIT_S)
         try:
             receiver.bind(place)
@@ -364,7 +361,7 @@ class Bridge:
         self._decoder = decoder
         self._sinks = sinks
         self._batch_samples = batch_samples
-        self._sent_s = float("-inf")
+        self._sent_s = -math.inf
 
     def take(self, datagram: bytes) -> None:
         """Process a datagram of one or several successive packets."""
@@ -374,9 +371,8 @@ class Bridge:
         if rest or not datagram:
             packets.append(rest)  # an incomplete packet: the decoder counts it as such
         for packet in packets:
-            for wheel in self._decoder.take(packet):
-                if len(wheel) >= self._batch_samples:
-                    self._send(wheel)
+            self._decoder.take(packet)
+            self.send_all(self._batch_samples)
 
     def tick(self, now_s: float) -> None:
         """Send the waiting samples every `PERIOD_S`."""
@@ -384,16 +380,13 @@ class Bridge:
             self._sent_s = now_s
             self.send_all()
 
-    def send_all(self) -> None:
-        """Send all waiting samples."""
+    def send_all(self, least: int = 1) -> None:
+        """Send the waiting samples of all wheels that have at least so many."""
         for wheel in self._decoder.wheels:
-            if len(wheel):
-                self._send(wheel)
-
-    def _send(self, wheel: WheelPackets) -> None:
-        samples = wheel.samples()
-        self._sinks[wheel.map.key].put(samples)
-        self.samples += len(samples)
+            if len(wheel) >= least:
+                samples = wheel.samples()
+                self._sinks[wheel.map.key].put(samples)
+                self.samples += len(samples)
 
     def counts(self) -> dict[str, Any]:
         """Return the counts of datagrams, packets and samples so far, for JSON."""

@@ -252,6 +252,5 @@ def _friction(diagnosis: Diagnosis) -> Text:
 
 
 def _with_std(measured: Quantity) -> str:
-    if measured.std is None:
-        return quantity(measured.value, measured.unit)
-    return f"{quantity(measured.value, measured.unit)} ± {quantity(measured.std, measured.unit)}"
+    figures = (measured.value,) if measured.std is None else (measured.value, measured.std)
+    return " ± ".join(quantity(figure, measured.unit) for figure in figures)

@@ -178,17 +178,14 @@ def _environment() -> jinja2.Environment:
         lstrip_blocks=True,
     )
     environment.filters |= {"torque": lambda value: measure(value, None, "N m"), "probability": probability}
-    environment.globals |= {
-        used.__name__: used
-        for used in (absent_effects, effect_class, in_words, laws_in_words, left_out_in_words, measure, nested_models)
-    }
-    environment.globals |= {used.__name__: used for used in (noise_gains, p_in_words, plan, sentence, steps_in_words)}
-    environment.globals |= {"picture": _picture, "KINDS": KINDS, "SURE_P": SURE_P, "least_gain": least_gain}
-    environment.globals |= {"as_clause": as_clause, "SCALED_ONLY": SCALED_ONLY, "WINDOWS": WINDOWS}
+    of_others = as_clause, effect_class, laws_in_words, least_gain, left_out_in_words, nested_models, plan
+    own = absent_effects, in_words, measure, noise_gains, p_in_words, picture, sentence, steps_in_words
+    environment.globals |= {used.__name__: used for used in (*of_others, *own)}
+    environment.globals |= {"KINDS": KINDS, "SURE_P": SURE_P, "SCALED_ONLY": SCALED_ONLY, "WINDOWS": WINDOWS}
     return environment
 
 
-def _picture(name: str, *drawn: Any, tight: bool = False, **options: Any) -> str:
+def picture(name: str, *drawn: Any, tight: bool = False, **options: Any) -> str:
     """Return a picture of `figures` as SVG; "" where the drawing library is not installed."""
     try:
         from rwa_monitor.reporting import figures  # noqa: PLC0415 - of an extra
@@ -204,7 +201,6 @@ PREFIXED: Final = ("N m", "A", "V")  # units that take a prefix, also at the beg
 PREFIXED_ALONE: Final = ("s", "Hz")  # units that take a prefix only by themselves
 PLAIN_FROM, PLAIN_TO = 1e-3, 1e4  # without prefix: sizes written without a power of ten
 SUPERSCRIPTS: Final = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
-DIGITS: Final = 4  # of a value whose error is not known
 
 
 def measure(value: float | None, std: float | None, unit: str) -> str:
@@ -219,7 +215,7 @@ def measure(value: float | None, std: float | None, unit: str) -> str:
         decimals = min(max(1 - math.floor(math.log10(error)), 0), 12)
         number = f"{value:.{decimals}f} ± {error:.{decimals}f}"
     else:
-        number = f"{value:.{DIGITS}g}"
+        number = f"{value:.4g}"
     if _takes_prefix(unit):
         return f"{number} {PREFIXES[power]}{unit}"
     if power:

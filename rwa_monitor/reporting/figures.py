@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
 from rwa_monitor.discrepancy.result import Search, nested_models
-from rwa_monitor.reporting.residual_views import MIN_PER_BIN, View, base_residual
+from rwa_monitor.reporting.residual_views import View, base_residual, means_in_bins
 from rwa_monitor.samples import FloatArray, IntArray
 
 BASE, EXTENDED, MEASURED = "#c1440e", "#1f6f8b", "#8a8a8a"  # orange-red, teal, grey: distinct if colour-blind, too
@@ -178,11 +178,8 @@ def _means_over(speed: FloatArray, torque: FloatArray) -> tuple[FloatArray, Floa
     No bin holds both directions, and bins are narrow near zero, where friction changes fastest.
     """
     bin_of = np.sign(speed) * np.ceil(np.log1p(np.abs(speed) / SLOW_RAD_S) / BIN_RATIO)
-    at = (bin_of - bin_of.min(initial=0.0)).astype(np.int64)
-    count = np.bincount(at)
-    full = count >= MIN_PER_BIN
-    x, y = (np.bincount(at, values)[full] / count[full] for values in (speed, torque))
-    return x, y, count[full]
+    (x, y), count = means_in_bins((bin_of - bin_of.min(initial=0.0)).astype(np.int64), speed, torque)
+    return x, y, count
 
 
 def _thin(x: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray]:

@@ -104,40 +104,42 @@ class Translator:
 
 
 def _time_ns(message: Message, wheel: _Wheel) -> int:
-    if isinstance(message, Diagnosis | Health):
-        return message.window_end_ns
-    return message.end_ns if isinstance(message, Discrepancy) else wheel.clock_ns
+    match message:
+        case Diagnosis(window_end_ns=end_ns) | Health(window_end_ns=end_ns) | Discrepancy(end_ns=end_ns):
+            return end_ns
+    return wheel.clock_ns
 
 
 def _additional(message: Message, wheel: _Wheel) -> Iterator[EncodedMessage]:
     """Yield the additional messages of a message."""
-    if isinstance(message, SamplesMessage):
-        yield from _telemetry(message, wheel)
-    elif isinstance(message, Changepoints):
-        for jump in message.changepoints:
-            content = _stamp(jump.time_ns) | {"jump_Nm": jump.jump_Nm, "confidence": jump.confidence}
-            yield EncodedMessage(f"{wheel.key}/{JUMP}", "rwa.Jump", dump_json(content), jump.time_ns)
-            size = f"{jump.jump_Nm * 1e3:+.3f} mN m (standard deviation {jump.std_Nm * 1e3:.3f} mN m)"
-            yield _log(wheel, LogLevel.DEBUG, f"Friction jumped by {size}.", jump.time_ns)
-    elif isinstance(message, Diagnosis):
-        for name, anomaly in message.anomalies.items():
-            values = {one: value for one in PART_FIELDS if (value := getattr(anomaly, one)) is not None}
-            content = _stamp(message.window_end_ns) | {"active": anomaly.active} | values
-            yield EncodedMessage(f"{wheel.key}/{PART}/{name}", "rwa.Part", dump_json(content), message.window_end_ns)
-        level, text = VERDICT_LEVELS[message.verdict], message.reason
-        if message.data or wheel.name.endswith(messages.REPLAY):  # no action is required
-            level, text = LogLevel.INFO, f"{message.data or 'replayed'} data: {text}"
-        yield _log(wheel, level, text, message.window_end_ns)
-    elif isinstance(message, Discrepancy):
-        level = LogLevel.WARNING if message.verdict == "inadequate" else LogLevel.INFO
-        found = ", ".join(effect.name for effect in message.effects) or "no effect named"
-        yield _log(wheel, level, f"The wheel's model is {message.verdict}: {found}.", message.end_ns)
-    elif isinstance(message, Status):
-        if message.last_error and message.last_error != wheel.last_error:
-            yield _log(wheel, LogLevel.WARNING, message.last_error, wheel.clock_ns)
-        wheel.last_error = message.last_error
-    elif isinstance(message, Health) and message.alarm_states is not None:
-        yield from _alarms(message.alarm_states, wheel, message.window_end_ns)
+    match message:
+        case SamplesMessage():
+            yield from _telemetry(message, wheel)
+        case Changepoints(changepoints=jumps):
+            for jump in jumps:
+                content = _stamp(jump.time_ns) | {"jump_Nm": jump.jump_Nm, "confidence": jump.confidence}
+                yield EncodedMessage(f"{wheel.key}/{JUMP}", "rwa.Jump", dump_json(content), jump.time_ns)
+                size = f"{jump.jump_Nm * 1e3:+.3f} mN m (standard deviation {jump.std_Nm * 1e3:.3f} mN m)"
+                yield _log(wheel, LogLevel.DEBUG, f"Friction jumped by {size}.", jump.time_ns)
+        case Diagnosis(window_end_ns=end_ns, data=data):
+            for name, anomaly in message.anomalies.items():
+                values = {one: value for one in PART_FIELDS if (value := getattr(anomaly, one)) is not None}
+                content = _stamp(end_ns) | {"active": anomaly.active} | values
+                yield EncodedMessage(f"{wheel.key}/{PART}/{name}", "rwa.Part", dump_json(content), end_ns)
+            level, text = VERDICT_LEVELS[message.verdict], message.reason
+            if data or wheel.name.endswith(messages.REPLAY):  # no action is required
+                level, text = LogLevel.INFO, f"{data or 'replayed'} data: {text}"
+            yield _log(wheel, level, text, end_ns)
+        case Discrepancy(verdict=verdict):
+            level = LogLevel.WARNING if verdict == "inadequate" else LogLevel.INFO
+            found = ", ".join(effect.name for effect in message.effects) or "no effect named"
+            yield _log(wheel, level, f"The wheel's model is {verdict}: {found}.", message.end_ns)
+        case Status(last_error=error):
+            if error and error != wheel.last_error:
+                yield _log(wheel, LogLevel.WARNING, error, wheel.clock_ns)
+            wheel.last_error = error
+        case Health(alarm_states=dict(states)):
+            yield from _alarms(states, wheel, message.window_end_ns)
 
 
 def _telemetry(message: SamplesMessage, wheel: _Wheel) -> Iterator[EncodedMessage]:

@@ -16,14 +16,13 @@ from scipy import stats
 from rwa_monitor.discrepancy.base_fit import least_squares, remove_levels, segment_starts
 from rwa_monitor.discrepancy.problem import Problem
 from rwa_monitor.discrepancy.terms import Model
-from rwa_monitor.samples import FloatArray
+from rwa_monitor.samples import FloatArray, IntArray
 from rwa_monitor.wheel.effects.base import Channels
 
 BINS: Final = 24  # of equal counts
 MIN_PER_BIN: Final = 12  # samples; fewer make no mean
 SLEW_SHARE: Final = 0.5  # of the largest |dω/dt|, above which the wheel slews
 LAGS: Final = 40  # slots of the autocorrelation
-JUMP_RATE_BINS: Final = 8
 FAR: Final = 4.0  # standard deviations beyond which samples are counted in the test of the tails
 
 
@@ -92,6 +91,13 @@ def _period_s(problem: Problem) -> float:
 # ---- means over a quantity -------------------------------------------------------------------------------------------
 
 
+def means_in_bins(at: IntArray, *values: FloatArray) -> tuple[list[FloatArray], IntArray]:
+    """Return the means of values in bins, int64 (n,), of `MIN_PER_BIN` samples or more, and their numbers."""
+    count = np.bincount(at)
+    full = count >= MIN_PER_BIN
+    return [np.bincount(at, one)[full] / count[full] for one in values], count[full]
+
+
 def binned(problem: Problem, quantity: FloatArray, residual: FloatArray) -> Curve:
     """Return the residual's means in bins of equal count and the χ² test that all are zero.
 
@@ -103,10 +109,8 @@ def binned(problem: Problem, quantity: FloatArray, residual: FloatArray) -> Curv
     if edges.size < 2:
         return Curve(np.zeros(0), np.zeros(0), np.zeros(0), 1.0)
     at = np.clip(np.searchsorted(edges, quantity, side="right") - 1, 0, edges.size - 2)
-    count = np.bincount(at, minlength=edges.size - 1)
-    full = count >= MIN_PER_BIN
-    centre, mean = (np.bincount(at, values, edges.size - 1)[full] / count[full] for values in (quantity, residual))
-    error = np.sqrt(problem.noise.long_run_variance / count[full])
+    (centre, mean), count = means_in_bins(at, quantity, residual)
+    error = np.sqrt(problem.noise.long_run_variance / count)
     return Curve(centre, mean, error, _chance(mean / error))
 
 
@@ -188,7 +192,7 @@ def _tails(problem: Problem, _: Model, residual: FloatArray, __: Model) -> Curve
 def _jump_rate(problem: Problem, extended: Model, _: FloatArray, model: Model) -> Curve | None:
     if extended.fit.jumps.size < MIN_PER_BIN:
         return None
-    edges = np.quantile(problem.speed, np.linspace(0, 1, JUMP_RATE_BINS + 1))
+    edges = np.quantile(problem.speed, np.linspace(0, 1, 9))
     time_s = np.histogram(problem.speed, edges)[0] * _period_s(problem)
     count = np.histogram(problem.speed[model.fit.jumps], edges)[0]
     even = count.sum() * time_s / time_s.sum()

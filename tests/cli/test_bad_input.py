@@ -12,31 +12,23 @@ import pytest
 
 from tests.program import command, done, run
 
-HEAD = b"time_s,speed_rad_s,friction_torque_Nm\n"
+HEAD, ROW = b"time_s,speed_rad_s,friction_torque_Nm\n", b"0,1,2\n"
 
 # Name of the case: arguments (with {good} for a recording), what the line must hold, and what the file in them holds.
 CASES: dict[str, tuple[str, str] | tuple[str, str, bytes]] = {
     "no table": ("diagnose none.csv", "none.csv: cannot be read: No such file"),
-    "text in a number": ("diagnose t.csv", "row 3, column speed_rad_s: 'x'", HEAD + b"0,1,2\n1,x,2\n"),
+    "text in a number": ("diagnose t.csv", "row 3, column speed_rad_s: 'x'", HEAD + ROW + b"1,x,2\n"),
     "friction unknown": ("diagnose t.csv", "friction cannot be derived", b"time_s,speed_rad_s\n0,1\n"),
-    "friction misspelt": (
-        "diagnose t.csv",
-        "columns ignored: friction_torque_nm",
-        b"time_s,speed_rad_s,friction_torque_nm\n0,1,2\n",
-    ),
+    "friction misspelt": ("diagnose t.csv", "columns ignored: friction_torque_nm", HEAD.replace(b"Nm", b"nm") + ROW),
     "pulses of an unknown turn": (
         "discrepancy t.csv",
-        "t.csv: holds pulses: how many make a turn is pulses_per_turn, under [wheel] in the wheel file",
+        "t.csv: holds pulses: how many make a turn is pulses_per_turn",
         b"pulse_time_s\n0\n0.1\n",
     ),
     "report into a file": ("discrepancy {good} --out t.csv", "t.csv: --out: is a file; a folder is", HEAD),
     "recording into a file": ("run -l tcp/127.0.0.1:0 --record t.csv", "t.csv: --record: is a file; a", HEAD),
-    "wheels that are none": (
-        "run -l tcp/127.0.0.1:0 --record records --wheels sat/*",
-        "--wheels: 'sat/*' takes no samples: they come on rwa/*/*/samples",
-    ),
+    "wheels that are none": ("run -l tcp/127.0.0.1:0 --record r --wheels sat/*", "--wheels: 'sat/*' takes no samples"),
     "no Parquet": ("diagnose t.parquet", "t.parquet: is no parquet file", b"time_s\n"),
-    "no wheel": ("diagnose {good} --wheel none.toml", "none.toml: cannot be read"),
     "wheel key misspelt": (
         "diagnose {good} --wheel w.toml",
         "w.toml: nominal.dry_torque: no key has this name; did you mean 'dry_torque_Nm'?",
@@ -46,21 +38,14 @@ CASES: dict[str, tuple[str, str] | tuple[str, str, bytes]] = {
     "model is no JSON": ("diagnose {good} --model m.json", "m.json: is no model", b"{"),
     "unknown method": ("diagnose t.csv --method best", "'best' is not one of 'joint', 'paper'"),
     "no file named": ("diagnose", "Missing argument 'FILE...'"),
-    "scenario key misspelt": (
-        "simulate recording --scenario s.toml -o x.csv",
-        "s.toml: duration: no key has this name; did you mean 'duration_s'?",
-        b"[scenario]\nduration=1\n",
-    ),
     "command misspelt": ("diagnoze t.csv", "No such command 'diagnoze'. Did you mean 'diagnose'?"),
     "option misspelt": ("diagnose t.csv --jsn", "No such option '--jsn'. Did you mean '--json'?"),
     "recipe misspelt": ("simulate dataset --recipe papr --count 1 -o d", "did you mean 'paper'?"),
     "nowhere to write": ("simulate recording -o no/folder/x.csv", "cannot be written: No such file"),
     "unknown format": ("simulate recording -o x.xls", "must end in .csv or .parquet"),
     "no sub-command": ("simulate", "Missing command"),
-    "option missing": ("simulate recording", "Missing option '-o'"),
     "seed below zero": ("simulate recording -o x.csv --seed -1", "-1 is not in the range"),
     "a demo of nan": ("demo --duration nan", "nan is no number here"),
-    "port too large": ("demo --port 70000", "70000 is not in the range"),
     "many, but carried": ("diagnose x --carry --workers 2", "--carry takes one file after the other"),
     "cluster and here": ("diagnose x --scheduler tcp://127.0.0.1:1 --workers 2", "--workers is for this machine"),
     "motor off, no inertia": (
@@ -68,25 +53,14 @@ CASES: dict[str, tuple[str, str] | tuple[str, str, bytes]] = {
         "--motor-off: needs inertia_kg_m2 under [wheel]",
         b"[wheel]\nname='bench'\nsample_period_s=0.125\n",
     ),
-    "motor off, no wheel": (
-        "identify {good} -o learned.toml --no-systems --motor-off",
-        "--motor-off: needs inertia_kg_m2 under [wheel]",
-    ),
-    "settings of no command": (
-        "--settings s.toml doctor",
-        "s.toml: diagnoze: is no command and no option; did you mean 'diagnose'?",
-        b"[diagnoze]\n",
-    ),
+    "motor off, no wheel": ("identify {good} -o l.toml --motor-off", "--motor-off: needs inertia_kg_m2 under [wheel]"),
+    "settings of no command": ("--settings s.toml doctor", "diagnoze: is no command and no option;", b"[diagnoze]\n"),
     "settings of no option": (
         "--settings s.toml doctor",
         "s.toml: run.recrod: is no command and no option; did you mean 'record'?",
         b"[run]\nrecrod = 'x'\n",
     ),
-    "settings without a table": (
-        "--settings s.toml doctor",
-        "s.toml: run: is no table of options, such as [run]",
-        b"run = 3\n",
-    ),
+    "settings without a table": ("--settings s.toml doctor", "s.toml: run: is no table of options", b"run = 3\n"),
     "settings that are none": ("--settings s.toml doctor", "is no valid TOML", b"[run\n"),
     "a flag in words in settings": (
         "--settings s.toml discrepancy x.csv",
@@ -98,10 +72,7 @@ CASES: dict[str, tuple[str, str] | tuple[str, str, bytes]] = {
         "'--speed': -1.0 is not in the range",
         b"[simulate.publish]\nspeed = -1.0\n",
     ),
-    "endpoint without a port": (
-        "simulate publish -l tcp/127.0.0.1",
-        "--listen: 'tcp/127.0.0.1' is no endpoint: write tcp/",
-    ),
+    "endpoint without a port": ("simulate publish -l tcp/127.0.0.1", "--listen: 'tcp/127.0.0.1' is no endpoint"),
 }
 
 

@@ -2,6 +2,7 @@
 
 import csv
 import os
+import shutil
 import signal
 import subprocess
 from collections.abc import Iterator
@@ -22,19 +23,13 @@ from tests.cli.conftest import simulate
 from tests.program import command, run
 
 RECORDINGS = 5
-CLUSTER: dict[str, Any] = {
-    "n_workers": 2,
-    "threads_per_worker": 1,
-    "host": "127.0.0.1",
-    "dashboard_address": "127.0.0.1:0",
-}
 
 
 @pytest.fixture(scope="module")
 def fleet(tmp_path_factory: pytest.TempPathFactory, files: Path) -> Path:
     """Return a folder with day_0.csv … day_4.csv, broken.csv, and the wheel that they are of."""
     folder = tmp_path_factory.mktemp("fleet")
-    (folder / "wheel.toml").write_bytes((files / "wheel.toml").read_bytes())
+    shutil.copy(files / "wheel.toml", folder)
     for seed in range(RECORDINGS):
         simulate(files / "scenario.toml", folder / "wheel.toml", seed, folder / f"day_{seed}.csv")
     (folder / "broken.csv").write_text("time_s,speed_rad_s\n0.0,fast\n")
@@ -44,7 +39,11 @@ def fleet(tmp_path_factory: pytest.TempPathFactory, files: Path) -> Path:
 @pytest.fixture(scope="module")
 def cluster() -> Iterator[LocalCluster]:
     """Yield a Dask cluster of two processes, as somebody else would have started it."""
-    with dask.config.set({"distributed.scheduler.allowed-failures": 0}), LocalCluster(**CLUSTER) as cluster:
+    host = {"host": "127.0.0.1", "dashboard_address": "127.0.0.1:0"}
+    with (
+        dask.config.set({"distributed.scheduler.allowed-failures": 0}),
+        LocalCluster(n_workers=2, threads_per_worker=1, **host) as cluster,
+    ):
         yield cluster
 
 
@@ -72,9 +71,8 @@ def test_on_a_cluster_each_line_is_that_of_one_by_one_and_in_the_order_of_the_ar
 
 
 def test_results_are_a_table_with_every_window_and_the_whole_message(fleet: Path, tmp_path: Path) -> None:
-    done = run(
-        "diagnose", *named(fleet), "--wheel", fleet / "wheel.toml", "--results", tmp_path, "--workers", 1, "--json"
-    )
+    where = ("--results", tmp_path, "--workers", 1)
+    done = run("diagnose", *named(fleet), "--wheel", fleet / "wheel.toml", *where, "--json")
     table = read_results(tmp_path)
     assert table.num_rows == 3 * RECORDINGS
     by_message = [Diagnosis.model_validate_json(text) for text in table["message"].to_pylist()]
@@ -85,26 +83,24 @@ def test_results_are_a_table_with_every_window_and_the_whole_message(fleet: Path
 
 
 def test_training_on_a_cluster_gives_the_bytes_of_training_alone(cluster: LocalCluster, tmp_path: Path) -> None:
-    made = run("simulate", "dataset", "--recipe", "mild", "--count", 6, "--seed", 3, "-o", tmp_path / "labelled")
+    folder, model = tmp_path / "labelled", tmp_path / "model.json"
+    made = run("simulate", "dataset", "--recipe", "mild", "--count", 6, "--seed", 3, "-o", folder)
     assert made.exit_code == 0, made.stderr
-    wheel = next((tmp_path / "labelled").glob("*.wheel.toml"))
+    train = ("train", folder / "labels.csv", "--wheel", next(folder.glob("*.wheel.toml")), "-o", model)
+    on_cluster = ("--scheduler", cluster.scheduler_address)
     models = []
-    for extra in (["--workers", 1], ["--scheduler", cluster.scheduler_address]):
-        learned = run(
-            "train", tmp_path / "labelled" / "labels.csv", "--wheel", wheel, "-o", tmp_path / "model.json", *extra
-        )
+    for where in (("--workers", 1), on_cluster):
+        learned = run(*train, *where)
         assert learned.exit_code == 0, learned.stderr
-        models.append((tmp_path / "model.json").read_bytes())
+        models.append(model.read_bytes())
     assert models[0] == models[1]
-    (tmp_path / "labelled" / "mild_00003.parquet").write_bytes(b"PAR1")
-    refused = run(
-        "train", tmp_path / "labelled" / "labels.csv", "--wheel", wheel, "-o", tmp_path / "none.json",
-        "--scheduler", cluster.scheduler_address,
-    )  # fmt: skip
+    model.unlink()
+    (folder / "mild_00003.parquet").write_bytes(b"PAR1")
+    refused = run(*train, *on_cluster)
     assert refused.exit_code == 2
     assert "mild_00003.parquet: is no readable Parquet file" in refused.stderr
     assert "labels.csv: 1 of 6 files cannot be used; nothing is written" in refused.stderr
-    assert not (tmp_path / "none.json").exists()
+    assert not model.exists()
 
 
 NOT_INSTALLED = ("dask", "distributed", "matplotlib", "pandas", "pyarrow")
@@ -140,9 +136,7 @@ def test_a_default_installation_trains_and_diagnoses_many_recordings_in_processe
 
 
 def test_a_second_run_does_only_what_is_missing_or_changed(fleet: Path, tmp_path: Path) -> None:
-    recordings = [tmp_path / f"copy_{number}.csv" for number in range(3)]
-    for number, recording in enumerate(recordings):
-        recording.write_bytes((fleet / f"day_{number}.csv").read_bytes())
+    recordings = [shutil.copy(fleet / f"day_{number}.csv", tmp_path / f"copy_{number}.csv") for number in range(3)]
     results = tmp_path / "results"
     command = ["diagnose", *recordings, "--wheel", fleet / "wheel.toml", "--results", results, "--workers", 1, "--json"]
     first = run(*command)
@@ -155,7 +149,7 @@ def test_a_second_run_does_only_what_is_missing_or_changed(fleet: Path, tmp_path
     after = {path.name: path.stat().st_mtime_ns for path in results.glob("*.parquet")}
     assert [name for name in made if after[name] != made[name]] == [next(n for n in made if "copy_1" in n)]
 
-    recordings[2].write_bytes((fleet / "day_4.csv").read_bytes())
+    shutil.copy(fleet / "day_4.csv", recordings[2])
     changed = run(*command)
     assert changed.stdout.splitlines()[:6] == first.stdout.splitlines()[:6]
     assert changed.stdout != first.stdout

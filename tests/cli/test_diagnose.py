@@ -132,7 +132,6 @@ def test_a_person_reads_verdict_and_reason_first(files: Path) -> None:
 
 def test_the_method_of_the_paper(files: Path) -> None:
     result = run("diagnose", files / "given.csv", "--wheel", files / "wheel.toml", "--json", "--method", "paper")
-    assert result.exit_code == 0
     assert {d["provenance"]["method"] for d in lines(result.stdout)} == {"paper"}
 
 

@@ -1,6 +1,7 @@
 """The command `discrepancy` on what it cannot use or cannot separate, and on two recordings of a wheel."""
 
 import json
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -39,30 +40,28 @@ def rpm(table: Columns) -> Columns:
     return {**table, "speed_rad_s": table["speed_rad_s"] * 60 / (2 * np.pi)}
 
 
-def test_what_cannot_be_used_is_refused_in_one_sentence(tmp_path: Path) -> None:
-    in_mN_m = {**columns(), "friction_torque_Nm": 1e3 * columns()["friction_torque_Nm"]}
-    done = run("discrepancy", write(tmp_path / "t.csv", in_mN_m), "--json")
-    assert (done.exit_code, done.stdout) == (2, "")
-    (line,) = done.stderr.strip().splitlines()
-    assert "t.csv" in line
-    assert "nominal friction on the median; wrong unit?" in line
+def at_end_stop(torque: np.ndarray) -> np.ndarray:
+    limit = 0.5 * float(np.median(np.abs(torque)))
+    return np.clip(torque, -limit, limit)
 
 
-def test_a_friction_of_the_opposite_sign_raises_a_question(tmp_path: Path) -> None:
-    negated = {**columns(), "friction_torque_Nm": -columns()["friction_torque_Nm"]}
-    done = run("discrepancy", write(tmp_path / "t.csv", negated), "--json")
-    assert "friction drives the rotation on the average; is the sign of speed or torque right?" in done.stderr
-
-
-def test_a_saturated_channel_is_no_discovery(tmp_path: Path) -> None:
-    """A torque sensor at its end stop: what it shows is its range, not a friction law."""
-    table = columns()
-    limit = 0.5 * float(np.median(np.abs(table["friction_torque_Nm"])))
-    table["friction_torque_Nm"] = np.clip(table["friction_torque_Nm"], -limit, limit)
-    done = run("discrepancy", write(tmp_path / "t.csv", table), "--json")
-    assert done.exit_code == 2
-    assert "friction_torque_Nm" in done.stderr
-    assert "saturated" in done.stderr
+@pytest.mark.parametrize(
+    ("measured", "exit_code", "words"),
+    [
+        (lambda torque: 1e3 * torque, 2, "nominal friction on the median; wrong unit?"),  # in mN m
+        (at_end_stop, 2, "friction_torque_Nm: is saturated"),  # what a sensor shows then is its range, not a law
+        (np.negative, 0, "friction drives the rotation on the average; is the sign of speed or torque right?"),
+    ],
+)
+def test_what_cannot_be_used_is_refused_and_an_opposite_sign_raises_a_question(
+    measured: Callable[[np.ndarray], np.ndarray], exit_code: int, words: str, tmp_path: Path
+) -> None:
+    table = {**columns(), "friction_torque_Nm": measured(columns()["friction_torque_Nm"])}
+    done = run("discrepancy", write(tmp_path / "t.csv", table), "--json", "--no-diagnosis")
+    assert done.exit_code == exit_code
+    assert bool(done.stdout) == (exit_code == 0)
+    assert "t.csv: " in done.stderr.splitlines()[-1]
+    assert words in done.stderr
 
 
 def test_a_current_at_its_end_stop_now_and_then_is_left_out_and_reported(tmp_path: Path) -> None:

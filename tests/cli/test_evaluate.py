@@ -2,11 +2,12 @@
 
 import json
 import shutil
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
 import pytest
-from click.testing import CliRunner
+from click.testing import CliRunner, Result
 
 from rwa_monitor.cli.main import main
 from tests.cli.conftest import simulate
@@ -31,11 +32,16 @@ def line(source: str | None, start: int, *active: str, verdict: str = "", wheel:
     return json.dumps(content | more) + "\n"
 
 
-def evaluate(folder: Path, lines: list[str], labels: str) -> Any:
-    """Run the command on lines and labels, both in files; return its JSON."""
+def run_on(folder: Path, lines: Iterable[str], labels: str) -> Result:
+    """Run the command on lines and labels, both in files."""
     (folder / "found.jsonl").write_text("".join(lines))
     (folder / "labels.csv").write_text(labels)
-    result = run("evaluate", folder / "found.jsonl", folder / "labels.csv", "--json")
+    return run("evaluate", folder / "found.jsonl", folder / "labels.csv", "--json")
+
+
+def evaluate(folder: Path, lines: list[str], labels: str) -> Any:
+    """Return the JSON of the command on lines and labels."""
+    result = run_on(folder, lines, labels)
     assert result.exit_code == 0, result.stderr
     return json.loads(result.stdout)
 
@@ -121,11 +127,7 @@ REFUSED = {
     "no JSON": (f"{AB}x\n", LABELS, "found.jsonl: line 3: Invalid JSON"),
     "another message": ("{}\n", LABELS, "found.jsonl: line 1: wheel: Field required"),
     "no time": (line("a.csv", 0, window_end_ns=0), LABELS, "line 1: Value error, window_end_ns is not after"),
-    "no labels": (
-        AB,
-        "name,dry\n",
-        "row 1: the header must begin with file,dry,viscous, or be wheel,kind,",
-    ),
+    "no labels": (AB, "name,dry\n", "row 1: the header must begin with file,dry,viscous, or be wheel,kind,"),
     "wrong columns": (AB, "wheel,kind,start_s,end_s\n", "row 1: the header must be wheel,kind,start_ns,end_ns"),
     "window without a label": (AB + line("c.csv", 0), LABELS, "labels.csv: has no row for c.csv, which has diagnoses"),
     "label without a window": (A, LABELS, "sub/b.csv; diagnose it too"),
@@ -137,17 +139,9 @@ REFUSED = {
         "column viscos: no diagnosis judges this anomaly",
     ),
     "windows of no file": (line(None, 0), LABELS, "w: its diagnoses name no file: "),
-    "two files at once": (
-        AB,
-        EVENTS,
-        "w: windows of a.csv and sub/b.csv start at the same time",
-    ),
+    "two files at once": (AB, EVENTS, "w: windows of a.csv and sub/b.csv start at the same time"),
     "unknown wheel": (A, f"{EVENTS}v,dry,0,1\n", "labels.csv: row 2, column wheel: no diagnosis is of 'v'"),
-    "unknown kind": (
-        A,
-        f"{EVENTS}w,viscos,0,1\n",
-        "row 2, column kind: no diagnosis is of 'viscos'; did you",
-    ),
+    "unknown kind": (A, f"{EVENTS}w,viscos,0,1\n", "row 2, column kind: no diagnosis is of 'viscos'; did you"),
     "too few fields": (A, f"{EVENTS}w,dry,0\n", "row 2: has 3 fields, the header has 4"),
     "no number": (A, f"{EVENTS}w,dry,0,1e9\n", "row 2, column end_ns: '1e9' is no whole number of nanoseconds"),
     "an event of no time": (A, f"{EVENTS}w,dry,5,5\n", "row 2, column end_ns: the event must end after it starts"),
@@ -157,9 +151,7 @@ REFUSED = {
 
 @pytest.mark.parametrize(("lines", "labels", "message"), REFUSED.values(), ids=REFUSED)
 def test_refused_in_one_line_with_exit_2(tmp_path: Path, lines: str, labels: str, message: str) -> None:
-    (tmp_path / "found.jsonl").write_text(lines)
-    (tmp_path / "labels.csv").write_text(labels)
-    result = run("evaluate", tmp_path / "found.jsonl", tmp_path / "labels.csv")
+    result = run_on(tmp_path, lines, labels)
     assert (result.exit_code, result.stdout) == (2, ""), result.stderr
     (told,) = result.stderr.splitlines()
     assert message in told

@@ -5,7 +5,6 @@ import subprocess
 import sys
 import time
 from pathlib import Path
-from threading import Event, Thread
 from typing import Any
 
 import click
@@ -18,6 +17,7 @@ from rwa_monitor.cli.main import COMMANDS, main
 from rwa_monitor.errors import InputError, RwaMonitorError
 from rwa_monitor.monitor.bus import BusOptions, open_session
 from rwa_monitor.monitor.recorder import locked
+from tests.dashboard.support import repeated
 from tests.monitor.support import free_port
 from tests.program import command, run
 
@@ -34,6 +34,11 @@ def all_commands() -> list[list[str]]:
     return found
 
 
+def run_code(code: str) -> subprocess.CompletedProcess[str]:
+    """Run Python code in a process of its own."""
+    return subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60, check=False)
+
+
 @pytest.mark.parametrize("words", all_commands(), ids=" ".join)
 def test_every_command_has_a_help_that_states_what_it_does(words: list[str]) -> None:
     result = run(*words, "--help")
@@ -48,6 +53,8 @@ def test_help_lists_every_command_and_the_version_is_printed() -> None:
     assert all(f"\n  {name} " in listed for name in COMMANDS)
     result = run("--version")
     assert (result.exit_code, result.stdout) == (0, f"rwa-monitor {__version__}\n")
+    result = run()
+    assert (result.exit_code, result.stderr) == (2, listed)
 
 
 def test_help_loads_nothing_heavy() -> None:
@@ -59,15 +66,9 @@ def test_help_loads_nothing_heavy() -> None:
         "print(sorted(heavy & set(sys.modules)), file=sys.stderr)\n"
     )
     began = time.perf_counter()
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60, check=True)
+    done = run_code(code)
     print(f"--help: {time.perf_counter() - began:.3f} s")
     assert done.stderr == "[]\n"
-
-
-def test_without_a_command_the_help_is_shown_and_it_is_wrong_use() -> None:
-    result = run()
-    assert result.exit_code == 2
-    assert "Commands:" in result.stderr
 
 
 # ---- errors and exit codes -------------------------------------------------------------------------------------------
@@ -85,15 +86,12 @@ def run_raising(error: BaseException, monkeypatch: pytest.MonkeyPatch) -> tuple[
     return result.exit_code, result.stderr
 
 
-def test_each_kind_of_error_has_its_exit_code_and_bad_input_one_line(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_each_kind_of_error_has_its_exit_code_and_a_fault_is_not_hidden(monkeypatch: pytest.MonkeyPatch) -> None:
     status, said = run_raising(InputError("a\nfile", "is\n  bad", "row 3"), monkeypatch)
     (line,) = said.splitlines()
     assert (status, line.startswith("rwa-monitor: a"), "row 3: is" in line) == (2, True, True)
     assert run_raising(RwaMonitorError("the disk is full"), monkeypatch) == (1, "rwa-monitor: the disk is full\n")
     assert run_raising(KeyboardInterrupt(), monkeypatch)[0] == 130
-
-
-def test_a_fault_of_the_program_is_not_hidden(monkeypatch: pytest.MonkeyPatch) -> None:
     with pytest.raises(ZeroDivisionError):
         run_raising(ZeroDivisionError(), monkeypatch)
 
@@ -109,8 +107,9 @@ def test_a_reader_that_leaves_early_is_no_error_worth_a_word() -> None:
 
 def without_package(name: str, *arguments: str) -> subprocess.CompletedProcess[str]:
     """Run the program where a package is not installed."""
-    code = f"import sys; sys.modules[{name!r}] = None; from rwa_monitor.cli.main import main; main({list(arguments)})"
-    return subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    return run_code(
+        f"import sys; sys.modules[{name!r}] = None; from rwa_monitor.cli.main import main; main({list(arguments)})"
+    )
 
 
 @pytest.mark.parametrize("words", [["diagnose", "none.csv"], ["doctor"]])
@@ -165,7 +164,7 @@ NOT_FOR_A_MONITOR = (
 
 
 def test_a_monitor_loads_nothing_that_it_does_not_use() -> None:
-    done = subprocess.run([sys.executable, "-c", RUN], capture_output=True, text=True, check=False)
+    done = run_code(RUN)
     assert done.returncode == 0, done.stderr
     loaded = done.stdout.splitlines()
     assert "rwa_monitor.monitor.service" in loaded
@@ -175,35 +174,27 @@ def test_a_monitor_loads_nothing_that_it_does_not_use() -> None:
 # ---- options from file, environment and command line -----------------------------------------------------------------
 
 
-def tuned(monkeypatch: pytest.MonkeyPatch, *words: str, **environment: str) -> str:
-    """Return what `tune` prints; it has numbers as options and needs no file."""
-    for name, value in environment.items():
-        monkeypatch.setenv(name, value)
-    result = run(*words)
-    assert result.exit_code == 0, result.stderr
-    return result.stdout
-
-
-@pytest.fixture
-def settings(tmp_path: Path) -> Path:
-    file = tmp_path / "settings.toml"
-    file.write_text("[tune]\nmissed = 0.002\nrun-length = 2e6\njump = 9.0\n")
-    return file
-
-
 def test_the_command_line_goes_before_the_environment_before_the_file(
-    settings: Path, monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def plain(jump: str) -> str:
-        return tuned(monkeypatch, "tune", "--missed", "0.002", "--run-length", "2e6", "--jump", jump)
+    def printed(*words: object) -> str:
+        result = run(*words)
+        assert result.exit_code == 0, result.stderr
+        return result.stdout
 
-    nine, eight, seven = plain("9"), plain("8"), plain("7")
+    settings = tmp_path / "settings.toml"
+    settings.write_text("[tune]\nmissed = 0.002\nrun-length = 2e6\njump = 9.0\n")
+    # `tune` has numbers as options and needs no file.
+    nine, eight, seven = (
+        printed("tune", "--missed", "0.002", "--run-length", "2e6", "--jump", jump) for jump in (9, 8, 7)
+    )
     assert len({nine, eight, seven}) == 3
-    assert tuned(monkeypatch, "--settings", str(settings), "tune") == nine
+    assert printed("--settings", settings, "tune") == nine
     monkeypatch.setenv("RWA_MONITOR_SETTINGS", str(settings))
-    assert tuned(monkeypatch, "tune") == nine
-    assert tuned(monkeypatch, "tune", RWA_MONITOR_TUNE_JUMP="8") == eight
-    assert tuned(monkeypatch, "tune", "--jump", "7") == seven
+    assert printed("tune") == nine
+    monkeypatch.setenv("RWA_MONITOR_TUNE_JUMP", "8")
+    assert printed("tune") == eight
+    assert printed("tune", "--jump", 7) == seven
 
 
 def test_doctor_does_not_take_an_empty_line_for_a_bus() -> None:
@@ -241,7 +232,7 @@ with stop_on_signals() as stop:
 
 
 def test_a_signal_stops_a_wait_whenever_it_comes() -> None:
-    subprocess.run([sys.executable, "-c", SIGNALLED], check=True, timeout=60)
+    assert run_code(SIGNALLED).returncode == 0
 
 
 # ---- what `doctor` reports of the folders of a monitor and of who is on its bus --------------------------------------
@@ -264,20 +255,9 @@ def test_what_a_folder_holds_is_reported_and_none_is_made(tmp_path: Path) -> Non
 def test_who_is_on_the_bus_is_reported() -> None:
     endpoint = f"tcp/127.0.0.1:{free_port()}"
     assert "nobody has connected" in look_at_bus(BusOptions(listen=(endpoint,)))
-    stop = Event()
     with open_session(BusOptions(listen=(endpoint,))) as session:
-
-        def speak() -> None:
-            while not stop.wait(0.1):
-                session.put("rwa/sat/rw1/samples", b"{}")
-                session.put("rwa/sat/rw2/status", b"{}")
-
-        thread = Thread(target=speak)
-        thread.start()
-        try:
+        keys = ("rwa/sat/rw1/samples", "rwa/sat/rw2/status")
+        with repeated(lambda: [session.put(key, b"{}") for key in keys]):
             told = look_at_bus(BusOptions(connect=(endpoint,)))
-        finally:
-            stop.set()
-            thread.join()
     assert "1 peer connected; in 3 s received telemetry of 1 wheel (sat/rw1), monitors of 1 wheel (sat/rw2)" in told
     assert told.endswith("; nobody monitors sat/rw1")

@@ -21,9 +21,16 @@ def chromium() -> Iterator[Any]:
 
 
 @pytest.fixture
-def dashboard(session: zenoh.Session, tmp_path: Path) -> Iterator[Running]:
+def options() -> dict[str, Any]:
+    """Further options of the dashboard, for a test to replace."""
+    return {}
+
+
+@pytest.fixture
+def dashboard(session: zenoh.Session, tmp_path: Path, options: dict[str, Any]) -> Iterator[Running]:
     """A dashboard on an empty folder; no alarm on silent monitors, which a loaded machine would raise."""
-    with serve(DashboardOptions(0, tmp_path, token="right", silent_s=0.0), session) as running:
+    own = {"port": 0, "record": tmp_path, "token": "right", "silent_s": 0.0}
+    with serve(DashboardOptions(**own | options), session) as running:
         yield running
 
 
@@ -47,6 +54,12 @@ def complaint() -> str:
 
 
 @pytest.fixture
-def page(chromium: Any, complaint: str) -> Iterator[Any]:
-    with opened(chromium, complaint=complaint) as one:
+def look() -> dict[str, Any]:
+    """Options of the page, for a test to replace."""
+    return {}
+
+
+@pytest.fixture
+def page(chromium: Any, complaint: str, look: dict[str, Any]) -> Iterator[Any]:
+    with opened(chromium, complaint=complaint, **look) as one:
         yield one

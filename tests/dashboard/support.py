@@ -3,10 +3,11 @@
 import json
 import urllib.error
 import urllib.request
-from collections.abc import Iterator
-from contextlib import contextmanager
+from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import AbstractContextManager, contextmanager
 from pathlib import Path
-from threading import Event, Thread
+from threading import Event
 from typing import Any
 
 import pytest
@@ -35,9 +36,9 @@ def status(wheel: str, **changes: Any) -> bytes:
     ).to_json()
 
 
-def send_windows(session: zenoh.Session, wheel: str, *, failing: bool, windows: int = 3) -> None:
-    """Send diagnoses of a wheel, which fails from the second one on."""
-    for number in range(windows):
+def send_windows(session: zenoh.Session, wheel: str, *, failing: bool, windows: int = 3, first: int = 0) -> None:
+    """Send diagnoses of a wheel, which fails from its second window on."""
+    for number in range(first, first + windows):
         message = diagnosis(number, severity=1.0 if failing and number else None, wheel=wheel)
         session.put(f"rwa/sat/{wheel}/diagnosis", message.to_json())
 
@@ -74,22 +75,26 @@ def acknowledge(address: str, alarm: int = 1) -> int:
 
 
 @contextmanager
-def reporting(session: zenoh.Session, *wheels: str, **changes: Any) -> Iterator[None]:
-    """Publish a status of each wheel several times a second, as monitors do."""
+def repeated(act: Callable[[], object]) -> Iterator[None]:
+    """Do something several times a second, in a thread of its own."""
     stop = Event()
 
-    def report() -> None:
+    def run() -> None:
         while not stop.wait(0.3):
-            for wheel in wheels:
-                session.put(f"rwa/sat/{wheel}/status", status(wheel, **changes))
+            act()
 
-    thread = Thread(target=report)
-    thread.start()
-    try:
-        yield
-    finally:
-        stop.set()
-        thread.join()
+    with ThreadPoolExecutor(1) as thread:
+        thread.submit(run)
+        try:
+            yield
+        finally:
+            stop.set()
+
+
+def reporting(session: zenoh.Session, *wheels: str, **changes: Any) -> AbstractContextManager[None]:
+    """Publish a status of each wheel several times a second, as monitors do."""
+    statuses = {f"rwa/sat/{wheel}/status": status(wheel, **changes) for wheel in wheels}
+    return repeated(lambda: [session.put(*one) for one in statuses.items()])
 
 
 @contextmanager
@@ -119,6 +124,12 @@ def opened(started: Any, width: int = 1280, complaint: str = "none", **options: 
     yield page
     assert [one for one in complaints if complaint not in one] == []
     page.close()
+
+
+def press(form: Any, button: str, name: str = "Ann") -> None:
+    """Press a button of a form on the page, as a person of this name."""
+    form.get_by_label("Your name").fill(name)
+    form.get_by_role("button", name=button).click()
 
 
 def findings(page: Any) -> list[Any]:

@@ -14,10 +14,9 @@ from rwa_monitor.dashboard.server import HISTORY_NAME, DashboardOptions, Running
 from rwa_monitor.history.alarms import MONITOR_ALARM
 from rwa_monitor.messages import samples_json
 from rwa_monitor.monitor.bus import BusOptions, open_session
-from tests.dashboard.support import START_S, ask, expect, opened, reporting, send_windows
+from tests.dashboard.support import START_S, ask, expect, press, reporting, send_windows
 from tests.dashboard.test_recordings import RECORDING
 from tests.dashboard.test_telemetry import with_friction
-from tests.history.support import diagnosis
 from tests.monitor.processes import ROUTER, Listener, process, script, wait_for
 from tests.monitor.support import free_port
 
@@ -30,11 +29,6 @@ connection.execute("BEGIN IMMEDIATE")
 print("locked", flush=True)
 sys.stdin.read()
 """
-
-
-def acknowledge(page: Any, name: str = "Ann") -> None:
-    page.get_by_label("Your name").fill(name)
-    page.get_by_role("button", name="Acknowledge").click()
 
 
 def test_a_monitor_that_is_killed_leaves_stale_wheels_and_an_alarm_until_it_is_back(page: Any, tmp_path: Path) -> None:
@@ -79,7 +73,7 @@ def test_a_monitor_that_is_killed_leaves_stale_wheels_and_an_alarm_until_it_is_b
             page.get_by_role("link", name="Alarms (1)").click()
             expect(page.get_by_text("No monitor has reported since")).to_be_visible()
             expect(page.get_by_text("look whether rwa-monitor run still runs")).to_be_visible()
-            acknowledge(page)
+            press(page, "Acknowledge")
             expect(page.get_by_text("Acknowledged by Ann")).to_be_visible()
             page.goto("about:blank")  # else it complains of a server that is not there, if it tries in between
         with serve(options, session) as running:  # what was raised outlives the dashboard
@@ -95,8 +89,9 @@ def test_a_monitor_that_is_killed_leaves_stale_wheels_and_an_alarm_until_it_is_b
                 expect(page.get_by_text("✓ cleared")).to_be_visible()
 
 
+@pytest.mark.parametrize("complaint", [""])
 def test_telemetry_of_one_wheel_that_stops_is_not_shown_as_current(
-    chromium: Any, session: zenoh.Session, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    session: zenoh.Session, dashboard: Running, page: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(fleet, "LEAST_STALE_S", 1.0)
     samples, batch = with_friction(4_000), 0
@@ -106,14 +101,10 @@ def test_telemetry_of_one_wheel_that_stops_is_not_shown_as_current(
         session.put(f"rwa/sat/{wheel}/samples", samples_json(samples[batch : batch + 8], "satellite", batch))
         batch += 8
 
-    with (
-        serve(DashboardOptions(0, tmp_path), session) as running,
-        reporting(session, "wheel_1", "wheel_2"),
-        opened(chromium, complaint="") as page,
-    ):
+    with reporting(session, "wheel_1", "wheel_2"):
         for wheel in ("wheel_1", "wheel_2"):
             send_windows(session, wheel, failing=False)
-        page.goto(running.address)
+        page.goto(dashboard.address)
         rows = {wheel: page.locator(".wheel", has_text=wheel) for wheel in ("wheel_1", "wheel_2")}
         for _ in range(10):
             send("wheel_1")
@@ -156,28 +147,24 @@ def test_a_bus_that_is_gone_is_reported_until_it_is_back(page: Any, tmp_path: Pa
             expect(page.locator("#banner")).to_be_hidden()
 
 
+@pytest.mark.parametrize("complaint", [""])
 def test_a_locked_database_is_reported_and_what_came_meanwhile_is_stored(
-    chromium: Any, session: zenoh.Session, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    session: zenoh.Session, dashboard: Running, page: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("rwa_monitor.history.database.BUSY_TIMEOUT_S", 0.2)
-    with (
-        serve(DashboardOptions(0, tmp_path, token="right"), session) as running,
-        opened(chromium, complaint="") as page,
-    ):
-        send_windows(session, "wheel_1", failing=True)
-        page.goto(running.address_with_token)
-        page.get_by_role("link", name="Alarms").click()
-        expect(page.get_by_role("button", name="Acknowledge")).to_be_visible()
-        with script(LOCK, str(tmp_path / HISTORY_NAME)):
-            acknowledge(page)
-            expect(page.get_by_text("Not acknowledged: the history")).to_contain_text("database is locked")
-            for number in range(3, 5):
-                session.put("rwa/sat/wheel_1/diagnosis", diagnosis(number, severity=1.0).to_json())
-            expect(page.locator("#banner")).to_contain_text("2 windows wait to be stored")
-        expect(page.locator("#banner")).to_be_hidden()
-        acknowledge(page)
-        expect(page.get_by_text("Acknowledged by Ann")).to_be_visible()
-        wait_for(lambda: len(ask(running.address, "api/wheels/sat/wheel_1/windows")[1]) == 5, "all windows")
+    send_windows(session, "wheel_1", failing=True)
+    page.goto(dashboard.address_with_token)
+    page.get_by_role("link", name="Alarms").click()
+    expect(page.get_by_role("button", name="Acknowledge")).to_be_visible()
+    with script(LOCK, str(tmp_path / HISTORY_NAME)):
+        press(page, "Acknowledge")
+        expect(page.get_by_text("Not acknowledged: the history")).to_contain_text("database is locked")
+        send_windows(session, "wheel_1", failing=True, windows=2, first=3)
+        expect(page.locator("#banner")).to_contain_text("2 windows wait to be stored")
+    expect(page.locator("#banner")).to_be_hidden()
+    press(page, "Acknowledge")
+    expect(page.get_by_text("Acknowledged by Ann")).to_be_visible()
+    wait_for(lambda: len(ask(dashboard.address, "api/wheels/sat/wheel_1/windows")[1]) == 5, "all windows")
 
 
 @pytest.mark.parametrize("complaint", [""])
@@ -204,24 +191,22 @@ def test_a_wrong_token_is_reported_and_can_be_mended_on_the_page(
     send_windows(session, "wheel_1", failing=True)
     page.goto(f"{dashboard.address}#token=wrong")
     page.get_by_role("link", name="Alarms").click()
-    acknowledge(page)
+    press(page, "Acknowledge")
     expect(page.get_by_text("Not acknowledged: the token is missing or wrong")).to_be_visible()
     page.get_by_label("Token").fill("right")
-    acknowledge(page)
+    press(page, "Acknowledge")
     expect(page.get_by_text("Acknowledged by Ann")).to_be_visible()
 
 
-def test_a_recording_that_is_cut_off_shows_what_is_left_and_why(
-    chromium: Any, session: zenoh.Session, tmp_path: Path
-) -> None:
+@pytest.mark.parametrize("complaint", [""])
+def test_a_recording_that_is_cut_off_shows_what_is_left_and_why(dashboard: Running, page: Any, tmp_path: Path) -> None:
     data = RECORDING.read_bytes()
     (tmp_path / "cut.mcap").write_bytes(data[: len(data) * 2 // 3])
     (tmp_path / "none.mcap").write_bytes(b"no recording")
-    with serve(DashboardOptions(0, tmp_path), session) as running, opened(chromium, complaint="") as page:
-        page.goto(f"{running.address}#/recordings")
-        page.get_by_role("link", name="cut.mcap").click()
-        expect(page.get_by_text("Not all could be read")).to_contain_text("cannot be read")
-        page.get_by_role("button", name="Next window").click()  # there is none: it goes to the end
-        expect(page.locator(".wheel").first).to_be_visible()
-        page.goto(f"{running.address}#/replay/none.mcap")
-        expect(page.get_by_role("alert").filter(has_text="cannot be opened")).to_contain_text("is no MCAP file")
+    page.goto(f"{dashboard.address}#/recordings")
+    page.get_by_role("link", name="cut.mcap").click()
+    expect(page.get_by_text("Not all could be read")).to_contain_text("cannot be read")
+    page.get_by_role("button", name="Next window").click()  # there is none: it goes to the end
+    expect(page.locator(".wheel").first).to_be_visible()
+    page.goto(f"{dashboard.address}#/replay/none.mcap")
+    expect(page.get_by_role("alert").filter(has_text="cannot be opened")).to_contain_text("is no MCAP file")

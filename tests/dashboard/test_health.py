@@ -1,13 +1,12 @@
 """…/health on a real bus: at each window's close by the monitor, at each change of an alarm by the dashboard."""
 
 from contextlib import closing
-from pathlib import Path
 from typing import Any
 
 import pytest
 import zenoh
 
-from rwa_monitor.dashboard.server import DashboardOptions, Running, serve
+from rwa_monitor.dashboard.server import Running
 from rwa_monitor.messages import Health, health_message
 from tests.dashboard.support import acknowledge, send_windows
 from tests.history.support import diagnosis
@@ -42,8 +41,7 @@ def test_a_dashboard_publishes_the_health_at_each_change_of_an_alarm(
     wait_for(lambda: phases()[1:] == [("acknowledged", "Ann")], "the acknowledgement on the bus")
     assert asked(session) == {"rwa/sat/wheel_1/health": received[-1]}
     assert received[-1].alarms == ["viscous"]
-    for number in range(3, 6):
-        session.put("rwa/sat/wheel_1/diagnosis", diagnosis(number).to_json())
+    send_windows(session, "wheel_1", failing=False, first=3)
     wait_for(lambda: phases()[-1] == ("none", None), "the end of the alarm on the bus")
     assert asked(session)["rwa/sat/wheel_1/health"].alarm_states == {}
     subscriber.undeclare()
@@ -70,13 +68,12 @@ def test_a_query_gets_the_later_health_of_monitor_and_dashboard(session: zenoh.S
         assert asked(session)[key].window_end_ns == diagnosis(2).window_end_ns
 
 
-def test_what_all_wheels_share_is_published_once_for_the_spacecraft(session: zenoh.Session, tmp_path: Path) -> None:
-    with serve(DashboardOptions(0, tmp_path, token="right"), session):
-        for number in range(4):
-            for wheel in ("wheel_1", "wheel_2", "wheel_3", "wheel_4"):
-                message = diagnosis(number, severity=1.0 if number else None, wheel=wheel)
-                session.put(f"rwa/sat/{wheel}/diagnosis", message.to_json())
-        wait_for(lambda: asked(session), "the alarm on the bus")
-        (health,) = asked(session).values()
+@pytest.mark.usefixtures("dashboard")
+def test_what_all_wheels_share_is_published_once_for_the_spacecraft(session: zenoh.Session) -> None:
+    for number in range(4):
+        for wheel in ("wheel_1", "wheel_2", "wheel_3", "wheel_4"):
+            send_windows(session, wheel, failing=True, windows=1, first=number)
+    wait_for(lambda: asked(session), "the alarm on the bus")
+    (health,) = asked(session).values()
     assert (health.wheel, health.verdict, health.alarms) == ("all_wheels", "anomalous", ["viscous"])
     assert health.reason.startswith("Viscous friction of all 4 wheels moved")

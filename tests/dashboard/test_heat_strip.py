@@ -7,7 +7,7 @@ import zenoh
 
 from benchmarks.dashboard_load import FRAMES
 from rwa_monitor.dashboard.server import Running
-from tests.dashboard.support import ask, expect, findings
+from tests.dashboard.support import ask, expect, findings, send_windows
 from tests.history.support import diagnosis
 from tests.monitor.processes import wait_for
 
@@ -95,7 +95,7 @@ def test_what_changed_since_the_last_visit_is_one_sentence(
     session: zenoh.Session, dashboard: Running, page: Any
 ) -> None:
     for wheel in ("wheel_1", "wheel_2"):
-        session.put(f"rwa/sat/{wheel}/diagnosis", diagnosis(0, wheel=wheel).to_json())
+        send_windows(session, wheel, failing=False, windows=1)
     page.goto(dashboard.address)
     expect(page.locator(".wheel")).to_have_count(2)
     expect(page.locator(".visit")).to_be_hidden()  # the first visit of all
@@ -103,8 +103,7 @@ def test_what_changed_since_the_last_visit_is_one_sentence(
     # Three hours pass between this visit and the next one.
     page.goto("about:blank")
     page.add_init_script(LATER)
-    for number in (1, 2):
-        session.put("rwa/sat/wheel_2/diagnosis", diagnosis(number, severity=1.0, wheel="wheel_2").to_json())
+    send_windows(session, "wheel_2", failing=True, windows=2, first=1)
     wait_for(lambda: len(ask(dashboard.address, "api/alarms")[1]) == 1, "the alarm")
     page.goto(dashboard.address)
     sentence = page.locator(".visit")

@@ -11,12 +11,12 @@ import pytest
 import zenoh
 
 from rwa_monitor.dashboard.feed import MonitorWatch
-from rwa_monitor.dashboard.server import HISTORY_NAME, DashboardOptions, serve
+from rwa_monitor.dashboard.server import HISTORY_NAME, DashboardOptions, Running, serve
 from rwa_monitor.history.alarms import MONITOR_ALARM
 from rwa_monitor.history.database import MonitorState
 from rwa_monitor.history.store import History
 from rwa_monitor.messages import samples_json
-from tests.dashboard.support import acknowledge, ask, expect, findings, opened, reporting, send_windows
+from tests.dashboard.support import acknowledge, ask, expect, findings, press, reporting, send_windows
 from tests.dashboard.test_telemetry import with_friction
 from tests.history.support import START_NS
 from tests.monitor.processes import wait_for
@@ -93,44 +93,40 @@ def test_a_monitor_that_died_while_no_dashboard_was_there_is_reported_and_a_late
 
 @pytest.mark.browser
 @pytest.mark.processes
-def test_a_wheel_without_a_monitor_is_reported(chromium: Any, session: zenoh.Session, tmp_path: Path) -> None:
-    with serve(DashboardOptions(0, tmp_path, silent_s=1.0), session) as running, opened(chromium) as page:
-        page.goto(running.address)
-        session.put("rwa/sat/wheel_9/samples", samples_json(with_friction(8), "satellite", 0))
-        row = page.locator(".wheel")
-        expect(row).to_contain_text("No monitor reports on this wheel: nothing of it is diagnosed.")
-        expect(row).to_contain_text("◐ warning")
-        page.reload()
-        row.click()
-        expect(page.locator(".stale-note")).to_have_text("◌ no monitor reports.")
+@pytest.mark.parametrize("options", [{"silent_s": 1.0}])
+def test_a_wheel_without_a_monitor_is_reported(session: zenoh.Session, dashboard: Running, page: Any) -> None:
+    page.goto(dashboard.address)
+    session.put("rwa/sat/wheel_9/samples", samples_json(with_friction(8), "satellite", 0))
+    row = page.locator(".wheel")
+    expect(row).to_contain_text("No monitor reports on this wheel: nothing of it is diagnosed.")
+    expect(row).to_contain_text("◐ warning")
+    page.reload()
+    row.click()
+    expect(page.locator(".stale-note")).to_have_text("◌ no monitor reports.")
 
 
 @pytest.mark.browser
 @pytest.mark.processes
+# Longer than anybody who reports stands still on a busy machine: that would be an alarm more.
+@pytest.mark.parametrize("options", [{"silent_s": 8.0}])
 def test_wheels_of_one_monitor_are_one_card_that_is_acknowledged_once(
-    chromium: Any, session: zenoh.Session, tmp_path: Path
+    session: zenoh.Session, dashboard: Running, page: Any
 ) -> None:
     wheels = ("wheel_1", "wheel_2", "wheel_3")
-    # Longer than anybody who reports stands still on a busy machine: that would be an alarm more.
-    with (
-        serve(DashboardOptions(0, tmp_path, token="right", silent_s=8.0), session) as running,
-        opened(chromium) as page,
-    ):
-        page.goto(f"{running.address_with_token}")
-        with reporting(session, *wheels):
-            for wheel in wheels:
-                send_windows(session, wheel, failing=False)
-            expect(page.get_by_text("3 of 3 wheels reporting")).to_be_visible()
-        expect(page.locator(".wheel .alarm", has_text="◐ warning")).to_have_count(3)
-        page.get_by_role("link", name="Alarms").click()
-        card = page.get_by_role("region", name="Alarm monitor of 3 wheels")
-        expect(card).to_contain_text("◐ warning 3 wheels · monitor")
-        expect(card.get_by_role("link")).to_have_count(3)
-        assert findings(page) == []
-        card.get_by_label("Your name").fill("Ann")
-        card.get_by_role("button", name="Acknowledge").click()
-        expect(card).to_contain_text("Acknowledged by Ann")
-        expect(page.get_by_role("region", name="Alarm monitor")).to_have_count(1)
-        assert {alarm["phase"] for alarm in ask(running.address, "api/alarms")[1]} == {"acknowledged"}
-        with reporting(session, *wheels):
-            expect(page.get_by_text("✓ cleared")).to_have_count(3)
+    page.goto(f"{dashboard.address_with_token}")
+    with reporting(session, *wheels):
+        for wheel in wheels:
+            send_windows(session, wheel, failing=False)
+        expect(page.get_by_text("3 of 3 wheels reporting")).to_be_visible()
+    expect(page.locator(".wheel .alarm", has_text="◐ warning")).to_have_count(3)
+    page.get_by_role("link", name="Alarms").click()
+    card = page.get_by_role("region", name="Alarm monitor of 3 wheels")
+    expect(card).to_contain_text("◐ warning 3 wheels · monitor")
+    expect(card.get_by_role("link")).to_have_count(3)
+    assert findings(page) == []
+    press(card, "Acknowledge")
+    expect(card).to_contain_text("Acknowledged by Ann")
+    expect(page.get_by_role("region", name="Alarm monitor")).to_have_count(1)
+    assert {alarm["phase"] for alarm in ask(dashboard.address, "api/alarms")[1]} == {"acknowledged"}
+    with reporting(session, *wheels):
+        expect(page.get_by_text("✓ cleared")).to_have_count(3)

@@ -7,7 +7,7 @@ import pytest
 import zenoh
 
 from rwa_monitor.dashboard.server import Running
-from tests.dashboard.support import RIGHT, acknowledge, ask, expect, findings, opened, reporting, send_samples
+from tests.dashboard.support import RIGHT, acknowledge, ask, expect, findings, opened, press, reporting, send_samples
 from tests.dashboard.test_recordings import RECORDING
 from tests.dashboard.test_telemetry import current
 from tests.history.support import diagnosis
@@ -173,13 +173,11 @@ def test_an_alarm_is_shelved_and_brought_back(failing_fleet: Running, page: Any)
     page.goto(failing_fleet.address_with_token)
     expect(page.locator("#alarm-count")).to_have_text("(1)")
     page.keyboard.press("a")
-    page.get_by_label("Your name").fill("Ann")
     page.get_by_role("combobox", name="Shelve for").select_option("8 h")
-    page.get_by_role("button", name="Shelve for").click()
+    press(page, "Shelve for")
     expect(page.get_by_text("Shelved by Ann until")).to_be_visible()
     expect(page.locator("#alarm-count")).to_have_text("")
-    page.get_by_label("Your name").fill("Ben")
-    page.get_by_role("button", name="Bring back").click()
+    press(page, "Bring back", "Ben")
     expect(page.locator("#alarm-count")).to_have_text("(1)")
     expect(page.get_by_text("Audit trail (3)")).to_be_visible()
 

@@ -1,6 +1,7 @@
 """A retired wheel stands in a list of its own, and reappears as soon as its telemetry arrives."""
 
 import json
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -8,7 +9,7 @@ import pytest
 import zenoh
 
 from rwa_monitor.dashboard import fleet
-from rwa_monitor.dashboard.server import DashboardOptions, Running, serve
+from rwa_monitor.dashboard.server import HISTORY_NAME, DashboardOptions, Running, serve
 from rwa_monitor.history.store import History
 from rwa_monitor.messages import samples_json
 from tests.dashboard.support import (
@@ -18,7 +19,7 @@ from tests.dashboard.support import (
     expect,
     findings,
     metrics,
-    opened,
+    press,
     reporting,
     send_windows,
     status,
@@ -37,35 +38,42 @@ def events(running: Running, wheel: str) -> list[str]:
     return [line["event"] for line in ask(running.address, f"api/wheels/sat/{wheel}/retirement")[1]]
 
 
-def serve_history(record: Path, session: zenoh.Session) -> Any:
-    """Serve a fleet of which only the history is there: a wheel that is well and one with an alarm."""
-    with History(record / "history.sqlite3") as history:
+@pytest.fixture
+def past(tmp_path: Path) -> Path:
+    """A history of a wheel that is well and one with an alarm."""
+    with History(tmp_path / HISTORY_NAME) as history:
         history.add(*[diagnosis(n, wheel="wheel_1") for n in range(2)])
         history.add(*[diagnosis(n, severity=1.0, wheel="wheel_2") for n in range(2)])
-    return serve(DashboardOptions(0, record, token="right"), session)
+    return tmp_path / HISTORY_NAME
+
+
+@pytest.fixture
+def past_fleet(session: zenoh.Session, past: Path) -> Iterator[Running]:
+    """A fleet of which only that history is there."""
+    with serve(DashboardOptions(0, past.parent, token="right"), session) as running:
+        yield running
 
 
 @pytest.mark.processes
-def test_what_cannot_be_retired_is_refused_with_its_reason(session: zenoh.Session, tmp_path: Path) -> None:
-    with serve_history(tmp_path, session) as running:
-        assert ask(running.address, "api/wheels/sat/wheel_1/retirement", body=b'{"name":"Ann","retire":true}')[0] == 401
-        assert retire(running, "wheel_9")[0] == 404
-        assert [retire(running, "wheel_1", name=name)[0] for name in ("", "  ", "n" * 101)] == [422] * 3
-        assert b"acknowledge first: viscous" in retire(running, "wheel_2")[1]
-        session.put("rwa/sat/wheel_1/samples", samples_json(with_friction(100), "satellite", 0))
-        wait_for(lambda: ask(running.address, "api/wheels/sat/wheel_1")[1]["samples"], "the samples")
-        assert b"telemetry is of now" in retire(running, "wheel_1")[1]
-        assert retire(running, "wheel_1", back=True)[0] == 422
+def test_what_cannot_be_retired_is_refused_with_its_reason(session: zenoh.Session, past_fleet: Running) -> None:
+    assert ask(past_fleet.address, "api/wheels/sat/wheel_1/retirement", body=b'{"name":"Ann","retire":true}')[0] == 401
+    assert retire(past_fleet, "wheel_9")[0] == 404
+    assert [retire(past_fleet, "wheel_1", name=name)[0] for name in ("", "  ", "n" * 101)] == [422] * 3
+    assert b"acknowledge first: viscous" in retire(past_fleet, "wheel_2")[1]
+    session.put("rwa/sat/wheel_1/samples", samples_json(with_friction(100), "satellite", 0))
+    wait_for(lambda: ask(past_fleet.address, "api/wheels/sat/wheel_1")[1]["samples"], "the samples")
+    assert b"telemetry is of now" in retire(past_fleet, "wheel_1")[1]
+    assert retire(past_fleet, "wheel_1", back=True)[0] == 422
 
 
 @pytest.mark.processes
 @pytest.mark.parametrize("kind", ["samples", "status", "diagnosis"])
 def test_a_wheel_is_back_with_its_telemetry_and_not_with_a_repetition(
-    session: zenoh.Session, tmp_path: Path, kind: str
+    session: zenoh.Session, past: Path, kind: str
 ) -> None:
-    with serve_history(tmp_path, session) as running:
+    with serve(DashboardOptions(0, past.parent, token="right"), session) as running:
         assert retire(running, "wheel_1", note="retired")[0] == 200
-    with serve(DashboardOptions(0, tmp_path, token="right"), session) as running:  # it outlives a restart
+    with serve(DashboardOptions(0, past.parent, token="right"), session) as running:  # it outlives a restart
         send_windows(session, "wheel_1", failing=False, windows=2)  # published again after a restart
         for _ in range(2):  # a monitor that has the wheel from its recording, and gets no samples
             session.put("rwa/sat/wheel_1/status", status("wheel_1", last_sample_ns=7))
@@ -99,38 +107,33 @@ def test_a_wheel_is_back_also_while_the_history_cannot_be_written(tmp_path: Path
 
 
 @pytest.mark.processes
-def test_a_retired_wheel_has_no_metrics(session: zenoh.Session, tmp_path: Path) -> None:
-    with serve_history(tmp_path, session) as running:
-        send_windows(session, "wheel_2", failing=True, windows=3)
-        windows = "api/wheels/sat/wheel_2/windows"
-        wait_for(lambda: len(ask(running.address, windows)[1]) == 3, "its windows")  # the last would bring it back
-        assert 'wheel="wheel_2"' in metrics(running.address)
-        assert acknowledge(running.address) == 200
-        assert 'rwa_alarms{level="warning",phase="acknowledged"} 1.0' in metrics(running.address)
-        assert retire(running, "wheel_2")[0] == 200
-        assert 'wheel="wheel_2"' not in metrics(running.address)
-        assert 'rwa_alarms{level="warning",phase="acknowledged"} 0.0' in metrics(running.address)
+def test_a_retired_wheel_has_no_metrics(session: zenoh.Session, past_fleet: Running) -> None:
+    send_windows(session, "wheel_2", failing=True, windows=3)
+    windows = "api/wheels/sat/wheel_2/windows"
+    wait_for(lambda: len(ask(past_fleet.address, windows)[1]) == 3, "its windows")  # the last would bring it back
+    assert 'wheel="wheel_2"' in metrics(past_fleet.address)
+    assert acknowledge(past_fleet.address) == 200
+    assert 'rwa_alarms{level="warning",phase="acknowledged"} 1.0' in metrics(past_fleet.address)
+    assert retire(past_fleet, "wheel_2")[0] == 200
+    assert 'wheel="wheel_2"' not in metrics(past_fleet.address)
+    assert 'rwa_alarms{level="warning",phase="acknowledged"} 0.0' in metrics(past_fleet.address)
 
 
 @pytest.mark.browser
+@pytest.mark.parametrize("complaint", ["422"])
 def test_an_operator_retires_a_wheel_and_sees_it_come_back(
-    chromium: Any, session: zenoh.Session, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    session: zenoh.Session, past_fleet: Running, page: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(fleet, "LEAST_STALE_S", 1.0)
-    with (
-        serve_history(tmp_path, session) as running,
-        reporting(session, "wheel_3"),
-        opened(chromium, complaint="422") as page,
-    ):
-        page.goto(running.address_with_token)
+    with reporting(session, "wheel_3"):
+        page.goto(past_fleet.address_with_token)
         expect(page.locator(".wheel")).to_have_count(3)
         for name in ("wheel_1", "wheel_2"):  # the list is sorted anew with each that becomes stale
             expect(page.locator(".wheel", has_text=name)).to_contain_text("◌ stale")
         page.locator(".wheel", has_text="wheel_1").click()
         card = page.get_by_role("region", name="On the list")
-        card.get_by_label("Your name").fill("Ann")
         card.get_by_label("Note").fill("<b>replaced</b>")
-        card.get_by_role("button", name="Retire").click()
+        press(card, "Retire")
         expect(card).to_contain_text("reappears when telemetry arrives")
         expect(card.get_by_text("Audit trail (1)")).to_be_visible()
         assert findings(page) == []
@@ -141,16 +144,14 @@ def test_an_operator_retires_a_wheel_and_sees_it_come_back(
         expect(page.locator("main li")).to_contain_text("retired by Ann: “<b>replaced</b>”")
         assert findings(page) == []
         page.locator(".wheel", has_text="wheel_2").click()  # its alarm was not acknowledged
-        card.get_by_label("Your name").fill("Ann")
-        card.get_by_role("button", name="Retire").click()
+        press(card, "Retire")
         expect(card.get_by_role("alert")).to_contain_text("Not retired: sat/wheel_2: has alarms to acknowledge first")
 
         page.keyboard.press("a")
         alarm = page.get_by_role("region", name="Alarm viscous of sat / wheel_2")  # the view before has a name, too
-        alarm.get_by_label("Your name").fill("Ann")
-        alarm.get_by_role("button", name="Acknowledge").click()
+        press(alarm, "Acknowledge")
         expect(page.get_by_text("Acknowledged by Ann")).to_be_visible()
-        assert retire(running, "wheel_2")[0] == 200
+        assert retire(past_fleet, "wheel_2")[0] == 200
         expect(page.locator("section h2")).to_contain_text("wheel retired")
         page.keyboard.press("f")
         expect(page.get_by_text("Retired (2)")).to_be_visible()
@@ -161,8 +162,7 @@ def test_an_operator_retires_a_wheel_and_sees_it_come_back(
         page.get_by_text("Retired (1)").click()
         page.locator("main li a").click()
         expect(page.locator("h1")).to_have_text("sat / wheel_2")
-        card.get_by_label("Your name").fill("Ben")
-        card.get_by_role("button", name="Bring back").click()
+        press(card, "Bring back", "Ben")
         expect(card.get_by_role("button", name="Retire")).to_be_visible()
         page.keyboard.press("f")
         expect(page.locator(".wheel")).to_have_count(3)

@@ -19,7 +19,7 @@ import zenoh
 from lxml import etree
 from spacepackets.ccsds.spacepacket import SpacePacketHeader
 
-from rwa_monitor.dashboard.server import DashboardOptions, serve
+from rwa_monitor.dashboard.server import DashboardOptions, Running, serve
 from rwa_monitor.dashboard.space_packets import PacketSender, PacketWriter, UdpAddress
 from rwa_monitor.diagnosis.model import built_in_model
 from rwa_monitor.errors import InputError
@@ -48,15 +48,9 @@ def writer(*wheels: str) -> PacketWriter:
 
 def health(level: str = "warning", phase: str = "active", **others: str) -> bytes:
     levels = {"viscous": (level, phase)} | {name: (one, "active") for name, one in others.items()}
-    states = {
-        name: HealthAlarm.model_validate({"level": one, "phase": two, "acknowledged_by": None})
-        for name, (one, two) in levels.items()
-    }
-    return (
-        health_message(diagnosis(3, severity=1.0, wheel="wheel_2"))
-        .model_copy(update={"alarm_states": states})
-        .to_json()
-    )
+    states = {name: HealthAlarm(level=one, phase=two, acknowledged_by=None) for name, (one, two) in levels.items()}
+    message = health_message(diagnosis(3, severity=1.0, wheel="wheel_2"))
+    return message.model_copy(update={"alarm_states": states}).to_json()
 
 
 def parsed(packet: bytes, xtce: str | None = None) -> dict[str, Any]:
@@ -86,21 +80,15 @@ def test_verdict_parts_and_alarms_are_enumerated_with_alarm_levels_and_friction_
 
     assert levels("sat_wheel_1_VERDICT") == {"anomalous": "watch"}
     assert levels("sat_wheel_2_fss_2_STATE") == {"active": "watch"}
-    assert levels("sat_wheel_2_ALARM_viscous_LEVEL") == {
-        one: one for one in ("watch", "warning", "distress", "critical")
-    }
+    concerns = {one: one for one in ("watch", "warning", "distress", "critical")}
+    assert levels("sat_wheel_2_ALARM_viscous_LEVEL") == concerns
     viscous = root.find(f".//x:FloatParameterType[@name='{types['sat_wheel_1_viscous_ESTIMATE']}']", NAMESPACE)
     assert viscous.findtext(".//x:Unit", namespaces=NAMESPACE) == "N m s/rad"
     bounds = [float(one.get("maxInclusive")) for one in viscous.find(".//x:StaticAlarmRanges", NAMESPACE)]
     assert len(bounds) == 4
     assert bounds == sorted(bounds)
-    watch = viscous.find(".//x:WatchRange", NAMESPACE)
-    assert (
-        float(watch.get("minInclusive"))
-        < built_in_wheel().nominal.viscous_Nm_s_rad
-        < bounds[0]
-        == float(watch.get("maxInclusive"))
-    )
+    low, high = (float(viscous.find(".//x:WatchRange", NAMESPACE).get(f"{end}Inclusive")) for end in ("min", "max"))
+    assert low < built_in_wheel().nominal.viscous_Nm_s_rad < high == bounds[0]
 
 
 @pytest.mark.parametrize(
@@ -254,22 +242,18 @@ def test_diagnoses_and_alarms_go_from_the_bus_over_udp(receiver: socket.socket, 
     windows = [one for one in found if one["KIND"] == "diagnosis"]
     assert [one["sat_wheel_2_VERDICT"] for one in windows] == ["nominal", "anomalous", "anomalous"]
     last = [one for one in found if one["KIND"] == "alarms"][-1]
-    assert (last["sat_wheel_2_ALARM_viscous_LEVEL"], last["sat_wheel_2_ALARM_viscous_PHASE"]) == (
-        "warning",
-        "acknowledged",
-    )
+    assert [last[f"sat_wheel_2_ALARM_viscous_{what}"] for what in ("LEVEL", "PHASE")] == ["warning", "acknowledged"]
     assert [one["SEQ_COUNT"] for one in found] == [*range(len(found))]
     assert (child.returncode, f"packets sent: {len(found)}" in log) == (0, True)
 
 
 def test_a_sender_that_comes_later_gets_the_alarms_as_they_are(
-    session: zenoh.Session, receiver: socket.socket, tmp_path: Path
+    session: zenoh.Session, receiver: socket.socket, dashboard: Running
 ) -> None:
-    with serve(DashboardOptions(0, tmp_path, token="right", silent_s=0.0), session) as running:
-        send_windows(session, "wheel_2", failing=True)
-        wait_for(lambda: acknowledge(running.address) == 200, "the alarm")
-        with PacketSender(session, writer(), UdpAddress(*receiver.getsockname()), print):
-            packets = wait_for(lambda: received(receiver, []), "the alarms")
+    send_windows(session, "wheel_2", failing=True)
+    wait_for(lambda: acknowledge(dashboard.address) == 200, "the alarm")
+    with PacketSender(session, writer(), UdpAddress(*receiver.getsockname()), print):
+        packets = wait_for(lambda: received(receiver, []), "the alarms")
     assert parsed(packets[0])["sat_wheel_2_ALARM_viscous_PHASE"] == "acknowledged"
 
 
@@ -307,9 +291,8 @@ def yamcs(folder: Path, port: int, udp: int) -> Iterator[str]:
     http = {"class": "org.yamcs.http.HttpServer", "args": {"port": port, "address": "127.0.0.1"}}
     (etc / "yamcs.yaml").write_text(json.dumps({"services": [http], "instances": ["wheels"], "dataDir": "data"}))
     alarm = {"parameterCheck": True, "parameterServer": "enabled"}
-    processor = {"services": [{"class": "org.yamcs.StreamTmPacketProvider"}]} | {
-        "config": {"subscribeAll": True, "alarm": alarm}
-    }
+    provider = {"class": "org.yamcs.StreamTmPacketProvider"}
+    processor = {"services": [provider], "config": {"subscribeAll": True, "alarm": alarm}}
     (etc / "processor.yaml").write_text(json.dumps({"realtime": processor}))
     jars = ":".join(str(one) for one in YAMCS.glob("*/lib/*.jar"))
     words = ["java", "-Xmx256m", "-cp", jars, "org.yamcs.YamcsServer", "--etc-dir", "etc", "--data-dir", "data"]
@@ -317,10 +300,8 @@ def yamcs(folder: Path, port: int, udp: int) -> Iterator[str]:
     with log.open("w") as out, subprocess.Popen(words, cwd=folder, stdout=out, stderr=out) as server:
         try:
             address = f"http://127.0.0.1:{port}/api"
-            wait_for(
-                lambda: server.poll() is not None or answer(f"{address}/instances/wheels").get("state") == "RUNNING",
-                "Yamcs",
-            )
+            wheels = f"{address}/instances/wheels"
+            wait_for(lambda: server.poll() is not None or answer(wheels).get("state") == "RUNNING", "Yamcs")
             assert server.poll() is None, log.read_text()
             yield address
         finally:

@@ -1,13 +1,12 @@
 """Live, stored and replayed telemetry on the dashboard: which it is, and that only what is live is an alarm of now."""
 
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 import zenoh
 
-from rwa_monitor.dashboard.server import DashboardOptions, Running, serve
+from rwa_monitor.dashboard.server import Running
 from rwa_monitor.messages import Diagnosis, health_message
 from rwa_monitor.monitor.bus import SamplesPublisher
 from rwa_monitor.samples import Samples
@@ -64,24 +63,24 @@ def test_windows_whose_samples_were_old_by_the_clock_are_stored_ones(
     assert shown(dashboard.address, "rwa/sat/wheel_1/diagnosis")["data"] == "stored"
 
 
-def test_a_replay_is_shown_apart_and_leaves_no_trace(session: zenoh.Session, tmp_path: Path) -> None:
+@pytest.mark.parametrize("options", [{"silent_s": 0.5}])
+def test_a_replay_is_shown_apart_and_leaves_no_trace(session: zenoh.Session, dashboard: Running) -> None:
     key = "rwa/sat/wheel_1@replay/{}"
-    with serve(DashboardOptions(0, tmp_path, token="right", silent_s=0.5), session) as running:
-        put(session, diagnosis(0), diagnosis(1))
-        put(session, *(diagnosis(n, severity=4.0) for n in range(4)), wheel="wheel_1@replay")
-        session.put(key.format("status"), status("wheel_1@replay", data="replay"))
-        replayed = wait_for(lambda: _shown_at_last(running.address, key.format("diagnosis")), "the replay")
-        assert replayed["verdict"] == "anomalous"
-        assert shown(running.address, "rwa/sat/wheel_1/diagnosis")["verdict"] == "nominal"
-        windows = "api/wheels/sat/wheel_1/windows"
-        wait_for(lambda: len(ask(running.address, windows)[1]) == 2, "both windows in the history")
-        # A wheel without a monitor falls silent later: by then the replay's silence would have shown.
-        put(session, diagnosis(0), wheel="wheel_2")
-        session.put("rwa/sat/wheel_2/status", status("wheel_2"))
-        found = wait_for(lambda: ask(running.address, "api/alarms")[1], "the alarm of the wheel that fell silent")
-        assert [(alarm["wheel"], alarm["name"]) for alarm in found] == [("wheel_2", "monitor")]
-        assert [one["verdict"] for one in ask(running.address, windows)[1]] == ["nominal"] * 2
-        assert "@replay" not in metrics(running.address)
+    put(session, diagnosis(0), diagnosis(1))
+    put(session, *(diagnosis(n, severity=4.0) for n in range(4)), wheel="wheel_1@replay")
+    session.put(key.format("status"), status("wheel_1@replay", data="replay"))
+    replayed = wait_for(lambda: _shown_at_last(dashboard.address, key.format("diagnosis")), "the replay")
+    assert replayed["verdict"] == "anomalous"
+    assert shown(dashboard.address, "rwa/sat/wheel_1/diagnosis")["verdict"] == "nominal"
+    windows = "api/wheels/sat/wheel_1/windows"
+    wait_for(lambda: len(ask(dashboard.address, windows)[1]) == 2, "both windows in the history")
+    # A wheel without a monitor falls silent later: by then the replay's silence would have shown.
+    put(session, diagnosis(0), wheel="wheel_2")
+    session.put("rwa/sat/wheel_2/status", status("wheel_2"))
+    found = wait_for(lambda: ask(dashboard.address, "api/alarms")[1], "the alarm of the wheel that fell silent")
+    assert [(alarm["wheel"], alarm["name"]) for alarm in found] == [("wheel_2", "monitor")]
+    assert [one["verdict"] for one in ask(dashboard.address, windows)[1]] == ["nominal"] * 2
+    assert "@replay" not in metrics(dashboard.address)
 
 
 def test_a_replay_that_is_stated_is_shown_apart(session: zenoh.Session, dashboard: Running) -> None:

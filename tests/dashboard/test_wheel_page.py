@@ -156,17 +156,17 @@ def test_a_key_opens_the_list_of_keys(dashboard: Running, page: Any) -> None:
     expect(keys).to_be_hidden()
 
 
-def test_paper_is_light_and_has_nothing_to_press(chromium: Any, failing_fleet: Running) -> None:
-    with opened(chromium, width=700, color_scheme="dark") as page:
-        page.goto(f"{failing_fleet.address}#/wheel/sat/wheel_2")
-        expect(chart(page, "friction [mN m] over time")).to_be_visible()
-        page.evaluate("dispatchEvent(new Event('beforeprint'))")
-        page.emulate_media(media="print", color_scheme="dark")
-        expect(page.locator("html")).to_have_attribute("data-theme", "light")
-        expect(page.get_by_role("heading", name="sat / wheel_2")).to_be_visible()
-        expect(chart(page, "friction [mN m] over time")).to_be_visible()
-        assert page.locator("button:visible, input:visible, nav:visible").count() == 0
-        assert page.evaluate("document.documentElement.scrollWidth") <= 700
-        assert page.pdf().startswith(b"%PDF")
-        page.evaluate("dispatchEvent(new Event('afterprint'))")
-        expect(page.locator("html")).to_have_attribute("data-theme", "dark")
+@pytest.mark.parametrize("look", [{"width": 700, "color_scheme": "dark"}])
+def test_paper_is_light_and_has_nothing_to_press(page: Any, failing_fleet: Running) -> None:
+    page.goto(f"{failing_fleet.address}#/wheel/sat/wheel_2")
+    expect(chart(page, "friction [mN m] over time")).to_be_visible()
+    page.evaluate("dispatchEvent(new Event('beforeprint'))")
+    page.emulate_media(media="print", color_scheme="dark")
+    expect(page.locator("html")).to_have_attribute("data-theme", "light")
+    expect(page.get_by_role("heading", name="sat / wheel_2")).to_be_visible()
+    expect(chart(page, "friction [mN m] over time")).to_be_visible()
+    assert page.locator("button:visible, input:visible, nav:visible").count() == 0
+    assert page.evaluate("document.documentElement.scrollWidth") <= 700
+    assert page.pdf().startswith(b"%PDF")
+    page.evaluate("dispatchEvent(new Event('afterprint'))")
+    expect(page.locator("html")).to_have_attribute("data-theme", "dark")

@@ -55,7 +55,7 @@ def next_event(feed: ClientConnection) -> str:
 def test_a_wheel_that_is_retired_on_one_leaves_the_list_of_the_other(new_database: str) -> None:
     with History(new_database) as history:
         history.add(*[diagnosis(n, wheel="wheel_1") for n in range(2)])
-    options = DashboardOptions(0, token="right", history=new_database)
+    options = DashboardOptions(0, Path("none"), token="right", history=new_database)
     with (
         open_session(BusOptions()) as session,
         serve(options, session) as first,

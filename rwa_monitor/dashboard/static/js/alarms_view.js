@@ -1,5 +1,5 @@
 import { h } from "./dom.js";
-import { number, percent, quantity, utc, wheelTime } from "./format.js";
+import { percent, quantity, signed, utc, wheelTime, withStd } from "./format.js";
 import { LEVELS, badge } from "./levels.js";
 import { signature } from "./signature.js";
 import { isStored, last } from "./store.js";
@@ -50,7 +50,7 @@ export function alarmsView(store) {
       h("p", { class: "soft" }, `Worst so far: ${alarm.peak}. ${raised(alarm)} ${phase(alarm)}${shelved(alarm, store.now) ? ` Shelved by ${lastOf(alarm, "shelved").person} until ${utc(alarm.shelved_until_wall_ns)}, or until it gets worse.` : ""}`),
       several ? h("p", {}, "Wheels: ", alarms.flatMap((one) => [h("a", { href: `#/wheel/${one.spacecraft}/${one.wheel}` }, `${one.spacecraft} / ${one.wheel}`), " "])) : alarm.wheel === ALL_WHEELS ? null : h("a", { href: `#/wheel/${alarm.spacecraft}/${alarm.wheel}` }, "Show the wheel"),
       open ? form(alarms) : null,
-      h("details", {}, h("summary", {}, `Audit trail (${several ? `of each; that of ${alarm.wheel}: ` : ""}${alarm.trail.length})`), h("ul", {}, alarm.trail.map((line) => h("li", {}, `${utc(line.wall_ns)}: ${line.event}, ${line.level}${line.person ? ` by ${line.person}` : ""}${line.note ? `: “${line.note}”` : ""}`)))));
+      h("details", {}, h("summary", {}, `Audit trail (${several ? `of each; that of ${alarm.wheel}: ` : ""}${alarm.trail.length})`), h("ul", {}, alarm.trail.map((line) => h("li", {}, `${utc(line.wall_ns)}: ${line.event}, ${line.level}${signed(line)}`)))));
   }
 
   function form(alarms) {
@@ -92,7 +92,7 @@ const raised = (alarm) => (alarm.name === MONITOR ? `Raised at ${utc(alarm.trail
 function latestFigures(alarm, latest) {
   const part = latest?.anomalies[alarm.name];
   if (!part) return null;
-  const severity = part.severity === null ? "" : `, severity ${number(part.severity)}${part.severity_std === null ? "" : ` ± ${number(part.severity_std)}`}`;
+  const severity = part.severity === null ? "" : `, severity ${withStd(part.severity, part.severity_std)}`;
   return h("p", { class: "soft" }, `These are the figures of the window in which it was raised or last rose. The latest one, to ${wheelTime(latest.window_end_ns)}: ${latest.verdict}, ${quantity(part.estimate, part.unit)}, probability ${percent(part.probability)}${severity}.`);
 }
 

@@ -1,14 +1,12 @@
 /** Each estimate of a wheel with its interval, above those of its siblings: the other wheels of the spacecraft. */
 import { h } from "./dom.js";
-import { quantity, shownIn } from "./format.js";
+import { SIGMAS, byName, quantity, shownIn } from "./format.js";
 import { REPLAY, last } from "./store.js";
 import { SIGN, colour } from "./verdict.js";
 
-const SIGMAS = 1.96; // of a normal distribution: 95 %
 const MOST = 16; // wheels of a spacecraft that are compared
 const QUANTITIES = [["base dry", "dry", (one) => one.friction.base_dry], ["viscous", "viscous", (one) => one.friction.viscous]];
 const WIDE = 300, ROW = 22, MARGIN = 8;
-const byName = new Intl.Collator("en", { numeric: true }).compare;
 
 export function estimatesBeside(store, wheel, base) {
   const place = h("div", { class: "two" });

@@ -15,6 +15,15 @@ export function number(value) {
   return value === null || value === undefined ? "–" : String(Number(value.toPrecision(3)));
 }
 
+/** A value with its standard deviation, where that is known. */
+export const withStd = (value, std, write = number) => `${write(value)}${std === null ? "" : ` ± ${write(std)}`}`;
+
+/** Who did what an audit trail has, and the note. */
+export const signed = (line) => `${line.person ? ` by ${line.person}` : ""}${line.note ? `: “${line.note}”` : ""}`;
+
+export const SIGMAS = 1.96; // of a normal distribution: 95 %
+export const byName = new Intl.Collator("en", { numeric: true }).compare;
+
 /** A count with what is counted, in the singular or plural. */
 export const counted = (count, what) => `${count} ${what}${count === 1 ? "" : "s"}`;
 

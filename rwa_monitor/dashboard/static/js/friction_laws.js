@@ -2,12 +2,11 @@
 import { COLOURS, chart } from "./charts.js";
 import { h } from "./dom.js";
 import { simulated } from "./friction.js";
-import { number } from "./format.js";
+import { SIGMAS, number } from "./format.js";
 import { last } from "./store.js";
 
 const MAX_DRAWN = 3000;
 const CLOUD = "rgba(133,147,160,.55)";
-const SIGMAS = 1.96; // of a normal distribution: 95 %
 const BAND = "rgba(213, 94, 0, .22)";
 const LEAST_KELVIN = 0.5; // of temperature in a window, below which a slope over it would be noise
 

@@ -1,7 +1,7 @@
 /** The verdicts of the last windows of all wheels in one picture: a strip for each wheel, the latest window at its right.
  *  Drawn on a canvas, wheel by wheel where something is new: a thousand wheels are 32,000 marks. */
 import { h } from "./dom.js";
-import { counted, number, shortTime } from "./format.js";
+import { byName, counted, number, shortTime } from "./format.js";
 import { last, recentWindows } from "./store.js";
 
 const WINDOWS = 32;
@@ -15,7 +15,6 @@ const SEVERE = 1.5; // severity at which the level distress begins
 const KEY = [["nominal", "nominal"], ["inconclusive", "inconclusive, or the friction model does not fit"], ["anomalous", "anomalous"], ["severe", `anomalous, severity ${SEVERE} and more`]];
 
 const markOf = (window) => (window.verdict === "anomalous" ? (window.severity >= SEVERE ? "severe" : "anomalous") : window.verdict === "nominal" && !window.fits ? "inconclusive" : window.verdict);
-const byName = new Intl.Collator("en", { numeric: true }).compare;
 
 /** The last windows of a wheel in words. */
 export function inWords(wheel) {

@@ -1,12 +1,12 @@
 import { ask } from "./ask.js";
 import { h } from "./dom.js";
-import { utc } from "./format.js";
+import { signed, utc } from "./format.js";
 import { signature } from "./signature.js";
 import { last } from "./store.js";
 
 const EVENTS = { retired: "retired", brought_back: "brought back", telemetry_arrived: "back, as telemetry arrived" };
 
-const words = (line) => `${utc(line.wall_ns)}: ${EVENTS[line.event]}${line.person ? ` by ${line.person}` : ""}${line.note ? `: “${line.note}”` : ""}`;
+const words = (line) => `${utc(line.wall_ns)}: ${EVENTS[line.event]}${signed(line)}`;
 
 /** The retired wheels, below the fleet's list; closed until somebody looks. */
 export function retiredList(store, base) {

@@ -14,6 +14,8 @@ const MAX_WINDOWS = 1000;
 const MAX_POINTS = 12000;
 const SILENT_MS = 6000; // the monitor reports every second
 
+export const noSamples = () => ({ t: [], speed: [], friction: [], temperature: [] });
+
 export class Store {
   constructor(live) {
     this.live = live;
@@ -27,7 +29,7 @@ export class Store {
   wheel(name) {
     if (!this.wheels.has(name)) {
       const [spacecraft, wheel] = name.split("/");
-      this.wheels.set(name, { name, spacecraft, wheel, version: 0, diagnoses: [], status: null, reported: null, fill: 0, telemetry: null, refused: null, verdicts: null, discrepancy: null, jumps: [], earlier: [], t: [], speed: [], friction: [], temperature: [] });
+      this.wheels.set(name, { name, spacecraft, wheel, version: 0, diagnoses: [], status: null, reported: null, fill: 0, telemetry: null, refused: null, verdicts: null, discrepancy: null, jumps: [], earlier: [], ...noSamples() });
     }
     return this.wheels.get(name);
   }
@@ -77,7 +79,10 @@ export class Store {
 
   addDiagnosis(wheel, message) {
     const known = wheel.diagnoses;
-    if (wheel.wheel.endsWith(REPLAY) && message.window_end_ns < (last(wheel)?.window_end_ns ?? 0) && !message.data) known.length = wheel.earlier.length = wheel.t.length = wheel.speed.length = wheel.friction.length = wheel.temperature.length = 0; // it begins from the start
+    if (wheel.wheel.endsWith(REPLAY) && message.window_end_ns < (last(wheel)?.window_end_ns ?? 0) && !message.data) { // it begins from the start
+      known.length = wheel.earlier.length = 0;
+      Object.assign(wheel, noSamples());
+    }
     const same = known.findIndex((other) => other.window_start_ns === message.window_start_ns);
     if (same >= 0) known[same] = message;
     else {
@@ -99,18 +104,17 @@ export class Store {
       wheel.temperature.push(message.bearing_temperature_degC?.[i] ?? null);
     });
     const over = wheel.t.length - MAX_POINTS;
-    if (over > 0) for (const list of [wheel.t, wheel.speed, wheel.friction, wheel.temperature]) list.splice(0, over);
+    if (over > 0) for (const name of Object.keys(noSamples())) wheel[name].splice(0, over);
   }
 
   /** Put samples before those that are there, of a time in which this page got none. */
   addEarlierSamples(wheel, message) {
-    const { t, speed, friction, temperature } = wheel;
-    wheel.t = []; wheel.speed = []; wheel.friction = []; wheel.temperature = [];
+    const later = { t: wheel.t, speed: wheel.speed, friction: wheel.friction, temperature: wheel.temperature };
+    Object.assign(wheel, noSamples());
     this.addSamples(wheel, message);
     const end = wheel.t[wheel.t.length - 1] ?? -Infinity;
-    const from = t.findIndex((time) => time > end);
-    if (from < 0) return;
-    [wheel.t, wheel.speed, wheel.friction, wheel.temperature] = [[wheel.t, t], [wheel.speed, speed], [wheel.friction, friction], [wheel.temperature, temperature]].map(([before, after]) => before.concat(after.slice(from)));
+    const from = later.t.findIndex((time) => time > end);
+    if (from >= 0) for (const [name, values] of Object.entries(later)) wheel[name].push(...values.slice(from));
   }
 
   /** Take in the verdicts of earlier windows of all wheels, as the API gives them. */

@@ -1,6 +1,6 @@
 /** One wheel over weeks: the friction's parts stacked, and each estimate with its nominal range and alarm limits. */
 import { COLOURS, GREY, chart, systemStyle } from "./charts.js";
-import { h } from "./dom.js";
+import { h, keyEntry } from "./dom.js";
 import { number, quantity, shownIn, span } from "./format.js";
 import { meanFriction } from "./friction.js";
 
@@ -32,11 +32,7 @@ export function frictionSplit(wheel) {
     const colours = [GREY, COLOURS[5], ...systems.map((one) => systemStyle(one, systems).colour)];
     const bars = uPlot.paths.bars({ size: [0.8, 60] });
     stack = chart({ label: "friction", unit: "mN m", zero: true, series: parts.map((part, i) => ({ label: `up to ${part}`, colour: colours[i], fill: colours[i], width: 1, paths: bars })).reverse() });
-    place.replaceChildren(stack.element, h("div", { class: "key" }, "from below: ", parts.map((part, i) => {
-      const mark = h("span", {}, "█");
-      mark.style.color = colours[i];
-      return h("span", {}, mark, ` ${i + 1}. ${part}`);
-    })));
+    place.replaceChildren(stack.element, h("div", { class: "key" }, "from below: ", parts.map((part, i) => keyEntry("█", colours[i], `${i + 1}. ${part}`))));
   }
   return { element: place, refresh, close: () => stack?.close() };
 }
@@ -74,11 +70,7 @@ export function estimateTrends() {
     place.replaceChildren(...lines.map(({ one, trend }) => h("div", {}, one.element, trend)));
   }
 
-  const key = h("div", { class: "key" }, "Shaded: nominal. Large points: anomalous, more likely than not. Limits: ", LIMITS.map(([level, severity, colour, dash]) => {
-    const mark = h("span", {}, dash[0] < 4 ? "┈┈" : dash[0] < 10 ? "╌╌" : "──");
-    mark.style.color = colour;
-    return h("span", {}, mark, ` ${level}, severity ${severity}`);
-  }));
+  const key = h("div", { class: "key" }, "Shaded: nominal. Large points: anomalous, more likely than not. Limits: ", LIMITS.map(([level, severity, colour, dash]) => keyEntry(dash[0] < 4 ? "┈┈" : dash[0] < 10 ? "╌╌" : "──", colour, `${level}, severity ${severity}`)));
   return { element: h("div", {}, key, place), refresh, close: () => lines.forEach(({ one }) => one.close()) };
 }
 

@@ -1,6 +1,6 @@
 /** What one wheel's samples show: speed, friction with its jumps, what the model leaves. */
 import { COLOURS, GREY, chart, marks, systemStyle } from "./charts.js";
-import { h } from "./dom.js";
+import { h, keyEntry } from "./dom.js";
 import { dryFriction, simulated } from "./friction.js";
 import { last } from "./store.js";
 
@@ -63,9 +63,7 @@ export function wheelSamples(store, wheel) {
 
   function legend(system, text) {
     const { colour, shape } = systemStyle(system, systems);
-    const mark = h("span", {}, shape);
-    mark.style.color = colour;
-    return h("span", {}, mark, ` ${text}`);
+    return keyEntry(shape, colour, text);
   }
 
   const left = h("div", {}, h("h2", {}, "Measured less simulated"), residual.element, h("p", { class: "soft" }, "Simulated: base dry and viscous friction and the switching systems. Jumps that fit no system stay in the residual."));

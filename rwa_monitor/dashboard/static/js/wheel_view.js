@@ -1,10 +1,10 @@
 import { retirementCard } from "./retired_wheels.js";
 import { ask } from "./ask.js";
 import { discrepancyReport } from "./discrepancy.js";
-import { h } from "./dom.js";
+import { facts, h, table } from "./dom.js";
 import { firstWindow, staleness } from "./fleet_view.js";
-import { counted, number, percent, quantity, span, wheelTime } from "./format.js";
-import { dataOf, last } from "./store.js";
+import { counted, number, percent, quantity, span, wheelTime, withStd } from "./format.js";
+import { dataOf, last, noSamples } from "./store.js";
 import { SIGN, colour, misfit, partVerdict, partsNote } from "./verdict.js";
 import { estimatesBeside } from "./estimates_beside.js";
 import { frictionLaws } from "./friction_laws.js";
@@ -15,7 +15,7 @@ import { wheelSamples } from "./wheel_samples.js";
 export function wheelView(store, name, base) {
   const wheel = store.wheel(name);
   const head = h("section", { class: "card" });
-  const table = h("div", { class: "scroll", tabindex: 0, role: "region", "aria-label": "Diagnosis of the latest window" });
+  const parts = h("div", { class: "scroll", tabindex: 0, role: "region", "aria-label": "Diagnosis of the latest window" });
   const quality = h("dl", {});
   const samples = wheelSamples(store, wheel);
   const laws = frictionLaws(wheel);
@@ -37,7 +37,7 @@ export function wheelView(store, name, base) {
       if (closed) return;
       windows.forEach((one) => store.addDiagnosis(wheel, one));
       if (now.samples && wheel.t.length < now.samples.time_ns.length) {
-        wheel.t = []; wheel.speed = []; wheel.friction = []; wheel.temperature = [];
+        Object.assign(wheel, noSamples());
         store.addSamples(wheel, now.samples);
       }
       if (last(wheel) && !(wheel.t[0] < last(wheel).window_end_ns / 1e9)) { // nothing came of the latest window since the server was started
@@ -113,21 +113,20 @@ export function wheelView(store, name, base) {
   }
 
   function drawTable(diagnosis) {
-    table.replaceChildren(h("table", {},
-      h("thead", {}, h("tr", {}, ["part", "anomaly", "probability", "estimate", "nominal range", "severity"].map((text) => h("th", { scope: "col" }, text)))),
-      h("tbody", {}, Object.entries(diagnosis.anomalies).map(([part, one]) => h("tr", {},
-        h("th", { scope: "row" }, part),
-        partCell(...partVerdict(diagnosis, one)),
-        h("td", {}, percent(one.probability)),
-        h("td", {}, quantity(one.estimate, one.unit)),
-        h("td", {}, one.nominal_low === null ? "–" : `${quantity(one.nominal_low, one.unit)} to ${quantity(one.nominal_high, one.unit)}`),
-        h("td", {}, one.severity === null ? "–" : `${number(one.severity)}${one.severity_std === null ? "" : ` ± ${number(one.severity_std)}`}`))))), h("p", { class: "soft note" }, partsNote(diagnosis)));
+    const rows = Object.entries(diagnosis.anomalies).map(([part, one]) => h("tr", {},
+      h("th", { scope: "row" }, part),
+      partCell(...partVerdict(diagnosis, one)),
+      h("td", {}, percent(one.probability)),
+      h("td", {}, quantity(one.estimate, one.unit)),
+      h("td", {}, one.nominal_low === null ? "–" : `${quantity(one.nominal_low, one.unit)} to ${quantity(one.nominal_high, one.unit)}`),
+      h("td", {}, one.severity === null ? "–" : withStd(one.severity, one.severity_std))));
+    parts.replaceChildren(table(["part", "anomaly", "probability", "estimate", "nominal range", "severity"], rows), h("p", { class: "soft note" }, partsNote(diagnosis)));
   }
 
   function drawQuality(diagnosis, state) {
     const status = wheel.status;
-    const facts = [["coverage", diagnosis ? percent(diagnosis.coverage) : "–"], ["noise", quantity(diagnosis?.fit.noise_std_Nm, "N m")], ["fit, rms residual", quantity(diagnosis?.fit.rmse_Nm, "N m")]];
-    if (status) facts.push(
+    const known = [["coverage", diagnosis ? percent(diagnosis.coverage) : "–"], ["noise", quantity(diagnosis?.fit.noise_std_Nm, "N m")], ["fit, rms residual", quantity(diagnosis?.fit.rmse_Nm, "N m")]];
+    if (status) known.push(
       ["monitor", state === "silent" ? staleness(store, wheel, state) : "✓ reporting"],
       ["telemetry", telemetry(state)],
       ["data", status.data],
@@ -138,10 +137,10 @@ export function wheelView(store, name, base) {
       ["messages", `${status.messages_missed} missed, ${status.messages_dropped} dropped, ${status.messages_rejected} rejected`],
       ["lag", `${counted(status.queue_depth, "message")} ${status.queue_depth === 1 ? "waits" : "wait"}; last diagnosis took ${status.diagnosis_s === null ? "–" : `${number(1e3 * status.diagnosis_s)} ms`}`],
       ["last error", status.last_error ?? "none"], ["recording", status.recording ?? "none"], ["software", status.software]);
-    const now = JSON.stringify(facts);
+    const now = JSON.stringify(known);
     if (quality.dataset.drawn === now) return;
     quality.dataset.drawn = now;
-    quality.replaceChildren(...facts.flatMap(([what, value]) => [h("dt", { class: "soft" }, what), h("dd", {}, value)]));
+    quality.replaceChildren(...facts(known));
   }
 
   function telemetry(state) {
@@ -159,7 +158,7 @@ export function wheelView(store, name, base) {
 
   const element = h("div", {},
     h("p", {}, h("a", { href: `${base}/` }, "← all wheels")), h("h1", {}, `${wheel.spacecraft} / ${wheel.wheel}`), notice, head,
-    h("section", { class: "card" }, h("h2", {}, "Diagnosis of the latest window"), table),
+    h("section", { class: "card" }, h("h2", {}, "Diagnosis of the latest window"), parts),
     beside.element, report, samples.element, laws.element,
     h("div", { class: "two" }, h("section", { class: "card" }, h("h2", {}, "Friction split, window by window"), split.element), h("section", { class: "card" }, h("h2", {}, "Data quality"), quality)),
     h("section", { class: "card" }, h("h2", {}, "Estimates over time"), trends.element),
