@@ -402,24 +402,6 @@ _BOUNDS: Final = (2.0, 12.0, 10_001)  # standard deviations: run lengths of 10 t
 _LOG_USED: Final[FloatArray] = np.log(np.maximum(np.arange(MAX_SCALE + 1), 1))  # of 0 … MAX_SCALE used samples
 
 
-class Threshold(NamedTuple):
-    """What a jump must exceed to be a candidate.
-
-    Attributes
-    ----------
-    variances
-        float64 (MAX_SCALE + 1,), see `variance_table`.
-    threshold
-        χ² threshold of the normalised statistic.
-    outlier
-        See `noise.largest_outlier`.
-    """
-
-    variances: FloatArray
-    threshold: float
-    outlier: float
-
-
 def choose(
     evidence: Evidence, scales: IntArray, variances: FloatArray, outlier: float, slope_prior: SlopePrior
 ) -> Candidates:
@@ -449,7 +431,7 @@ def choose(
         np.concatenate((found.statistic, behind.statistic)),
         evidence.slots,
         evidence.sums.arrays,
-        Threshold(table, evidence.threshold, outlier),
+        (table, evidence.threshold, outlier),
         ar_coefficient(noise),
         noise.std**2 * noise.long_run_factor,
         *slope_prior,

@@ -57,7 +57,8 @@ def chi_variance(statistic: FloatArray) -> float:
 
 
 def median_size(values: FloatArray) -> float:
-    """Return the median of absolute values, 0 of none; `numpy.median` spends more time on checks than on the median."""
+    """Return the median of finite absolute values, 0 of none; `numpy.median` takes longer for checks than for it."""
+    values = values[np.isfinite(values)]
     middle = [(values.size - 1) // 2, values.size // 2]
     return 0.5 * float(np.partition(np.abs(values), middle)[middle].sum()) if values.size else 0.0
 

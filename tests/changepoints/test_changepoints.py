@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import signal
 
-from rwa_monitor.changepoints.evidence import Threshold, peaks_behind_gaps, variance_table
+from rwa_monitor.changepoints.evidence import peaks_behind_gaps, variance_table
 from rwa_monitor.changepoints.running_sums import RunningSums
 from rwa_monitor.changepoints.stage_results import Candidates
 from rwa_monitor.kernels.changepoints import choose, contrast
@@ -78,10 +78,9 @@ def _window(z, used=None):
 
 
 def _select(peaks, sums, table, threshold, outlier=0.0, correlation=0.0):
-    least = Threshold(table, threshold, outlier)
     slope = (SIGMA**2, 0.0, 1.0)  # the speed is constant: the slope is that of its prior
     tried = (peaks.index, peaks.scale, peaks.statistic)
-    return Candidates(*choose(*tried, sums.slots, sums.arrays, least, correlation, *slope))
+    return Candidates(*choose(*tried, sums.slots, sums.arrays, (table, threshold, outlier), correlation, *slope))
 
 
 def test_in_coloured_noise_places_are_found_better_with_its_colour():

@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 
 from rwa_monitor.changepoints import estimation
+from rwa_monitor.changepoints.noise import median_size
 from rwa_monitor.changepoints.stage_results import Candidates, SwitchingPath
 from rwa_monitor.diagnosis.model import built_in_model, stray_probabilities
-from rwa_monitor.kernels.assignment import PREFERENCE
+from rwa_monitor.kernels.assignment import PREFERENCE, refine_nodes
 from rwa_monitor.kernels.friction import evidence_of_cases, solve_cases
 from rwa_monitor.kernels.laws import densities
 from rwa_monitor.switching.friction_model import Cases
@@ -24,8 +25,8 @@ def test_levels_without_samples_leave_the_sign_to_the_contrast():
     candidates = Candidates(index, np.full(2, 16), np.full(2, 50.0), np.array([0.5, 0.5]))
     signs = estimation.possible_signs(candidates, level)
     assert signs.tolist() == [[False, True], [False, True]]
-    assert estimation.typical_jump(np.array([np.nan, -0.5, 0.1, 0.3])) == pytest.approx(0.3)
-    assert estimation.typical_jump(np.array([np.nan])) == 0.0
+    assert median_size(np.array([np.nan, -0.5, 0.1, 0.3])) == pytest.approx(0.3)
+    assert median_size(np.array([np.nan])) == 0.0
 
 
 @pytest.mark.parametrize("spread", [(0.0, 0.0), (0.3, 0.0), (0.2, 0.7)])
@@ -148,7 +149,7 @@ def test_jumps_and_levels_are_those_of_the_samples(record):
 def test_positions_are_refined_to_the_least_error(record):
     x, z, used = record
     index, reach = INDEX + np.array([7, -9, 5, 20, -3]), np.array([8, 16, 16, 32, 32])
-    refined = estimation.refine(sums_of(x, z, used), index, reach, SLOPE, STD**2)
+    refined = refine_nodes(np.concatenate(([0], index, [SLOTS])), reach, SLOPE, STD**2, sums_of(x, z, used).arrays)
     residual, borders = z - SLOPE * x, np.concatenate([[0], index, [SLOTS]])
     for i, at in enumerate(index):
         left, right = borders[i], borders[i + 2]
