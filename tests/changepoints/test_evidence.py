@@ -63,7 +63,7 @@ def _bytes(evidence):
         b"".join(array.tobytes() for array in arrays)
         + moments.tobytes()
         + b"".join(getattr(structure, name).tobytes() for name in ("near_zero", "ripple", "direction"))
-        + np.array([evidence.noise.std, evidence.noise.long_run_factor, evidence.threshold]).tobytes()
+        + np.array([evidence.noise.std, evidence.noise.long_run_factor]).tobytes()
         + repr((evidence.slots, evidence.good, evidence.used, structure.zero_runs, structure.plateaus)).encode()
     )
 

@@ -85,7 +85,7 @@ def evidence_of(
 ) -> Evidence:
     count = x.size if used is None else int(used.sum())
     noise = NoiseEstimate(std, np.array([std**2]), 1.0)
-    return Evidence(x.size, count, count, candidates, sums_of(x, z, used), noise, 20.0, NO_STRUCTURE)
+    return Evidence(x.size, count, count, candidates, sums_of(x, z, used), noise, NO_STRUCTURE)
 
 
 def window(
