@@ -114,55 +114,35 @@ void raise(Vector<double> highest, FloatMatrix table) {
     }
 }
 
-// The best law of a sojourn of each system in each configuration that ends at each node, (S, Q, m + 1).
-NewCube best_laws(const Scores& scores) {
-    const auto [systems, configurations, nodes] = scores.stay.shape;
-    NewCube law({systems, configurations, nodes}, -INFINITY);
-    for (int64_t s : range(systems)) {
-        NewFloats skips(nodes, -INFINITY);
-        for (int64_t q : range(configurations)) {
-            for (int64_t skipped : range(2)) raise(skips, scores.missed.row(s).row(q).row(skipped));
-        }
-        for (int64_t q : range(scores.configurations[s])) {
-            const auto best = law.row(s).row(q);
-            copy(skips, best.begin());
-            raise(best, scores.jump.row(s).row(q));
-        }
-    }
-    return law;
-}
-
 Worth worth_of(const Scores& scores) {
     const auto [systems, configurations, nodes] = scores.stay.shape;
     Worth worth{Table<double, 4>({systems, configurations, 2, nodes}, -INFINITY), NewFloats(nodes), NewFloats(nodes),
-                NewFloats(nodes, scores.unattributed)};
-    const NewCube law = best_laws(scores);
-    double smallest = INFINITY;  // smallest variance of a friction that is not fixed
-    for (double variance : scores.law_variance) {
-        if (variance > 0.0) smallest = min(smallest, variance);
+                NewFloats(nodes)};
+    NewMatrix law({systems, nodes}, -INFINITY);  // the best one of a sojourn that ends at the node
+    for (int64_t s : range(systems)) {
+        for (int64_t q : range(configurations)) {
+            raise(law.row(s), scores.jump.row(s).row(q));
+            for (int64_t skipped : range(2)) raise(law.row(s), scores.missed.row(s).row(q).row(skipped));
+        }
     }
     for (int64_t k : range(1, nodes)) {
-        double& with_law = worth.with_law[k];
+        worth.alone[k] = size_term(scores, k, 0.0, scores.unattributed_variance);
+        worth.twice[k] = highest_size(scores, k, 0.0);
+        double with_law = scores.unattributed + worth.alone[k];
         double first = -INFINITY, second = -INFINITY;  // the best laws of any two systems
-        with_law += worth.alone[k] = size_term(scores, k, 0.0, scores.unattributed_variance);
-        // Both of two systems may return to rest only where the level may fall; otherwise one of them adds friction.
-        worth.twice[k] = highest_size(scores, k, scores.signs(k - 1, 0) || smallest == INFINITY ? 0.0 : smallest);
         for (int64_t s : range(systems)) {
-            double best = -INFINITY;
+            second = max(second, min(first, law(s, k)));
+            first = max(first, law(s, k));
             each_jump(scores.configurations[s], [&](int64_t q, int64_t direction, int64_t after) {
                 const double variance = scores.law_variance(s, after);
                 const double size = worth.single(s, q, direction, k) =
                     scores.law_variance(s, q) == 0.0  // from rest the friction before is known
                         ? size_term(scores, k, scores.law_mean(s, after) - scores.law_mean(s, q), variance)
                         : highest_size(scores, k, variance);
-                const double turned = law(s, q, k) + scores.turn(s, q, direction);
-                best = max(best, turned);
-                with_law = max(with_law, turned + size);
+                with_law = max(with_law, law(s, k) + size);
             });
-            second = max(second, min(first, best));
-            first = max(first, best);
         }
-        with_law = max(with_law, first + second + worth.twice[k]);
+        worth.with_law[k] = max(with_law, first + second + worth.twice[k]);
     }
     return worth;
 }
