@@ -89,8 +89,6 @@ inline double size_term(const Scores& scores, int64_t k, double mean, double var
 // system are optimised separately, and the levels pay a price for their jump at a candidate, which a system that jumps
 // there earns. For any prices the sum of the separate optima is an upper bound of the joint one; good prices balance
 // the gains and costs of the jumps of a good path.
-constexpr double LEAST_WORTH = -5.0;  // of the size of a path's own jump: limits the price of an improbable size
-
 // The largest `size_term` for any mean and at least this variance.
 double highest_size(const Scores& scores, int64_t k, double variance) {
     return size_term(scores, k, scores.size[k - 1], variance);
@@ -208,7 +206,7 @@ NewFloats prices(const Scores& scores, const Worth& worth, Integers start, Integ
             const Step step = step_from(configuration[s], number);
             cost -= sojourn_laws(scores, s, configuration[s], since[s], step)[node] +
                     scores.turn(s, step.before, step.direction) +
-                    max(worth.single(s, step.before, step.direction, node), LEAST_WORTH);
+                    worth.single(s, step.before, step.direction, node);
             systems += 1.0;
             configuration[s] = step.after, since[s] = node;
         });
@@ -260,8 +258,8 @@ using StateHash = decltype([](const State& state) {
 // A partial assignment: its state, score and node in the tree; mean and variance of each system's friction.
 struct Entry {
     State state;
-    int64_t node;
-    double score;
+    int64_t node = 0;
+    double score = 0.0;
     array<double, MOST_SYSTEMS> mean{}, variance{};
 };
 
@@ -302,23 +300,17 @@ double bound_of_systems(const Bounds& bounds, const State& state, int64_t system
     return sum;
 }
 
-// Create an entry for each joint configuration at the window's begin whose bound reaches the cutoff.
-vector<Entry> enter(const Scores& scores, const Bounds& bounds, double cutoff, int64_t starts, Expansion& found) {
-    const auto systems = scores.configurations.size();
-    vector<Entry> entries;
+// Create an entry for each joint configuration at the window's begin.
+vector<Entry> enter(const Scores& scores, int64_t starts, Expansion& found) {
+    vector<Entry> entries(starts);
     for (int64_t number : range(starts)) {
         const NewIntegers start = start_of(number, scores.configurations);
-        Entry entry;
-        double bound = bounds.rest(0, 0);
-        for (int64_t s : range(systems)) {
-            entry.state.configuration[s] = start[s];
+        Entry& entry = entries[number];
+        copy(start, entry.state.configuration.begin());
+        for (int64_t s : range(start.size())) {
             entry.mean[s] = scores.law_mean(s, start[s]), entry.variance[s] = scores.law_variance(s, start[s]);
-            bound += bounds.own(s, start[s], 0, 0);
         }
-        if (!(bound >= cutoff)) continue;
-        entry.score = 0.0;
-        entry.node = found.tree.size();
-        entries.push_back(entry);
+        entry.node = number;
         found.tree.push_back({-1, number});
     }
     return entries;
@@ -419,11 +411,11 @@ void merge(
 
 // Update the friction of each system by an action at candidate k: the law's mean and variance of the new friction are
 // conditioned on the jump's size (a scalar Kalman step).
-void learn(const Scores& scores, const State& before, int64_t k, int64_t action, Entry& entry) {
+void learn(const Scores& scores, int64_t k, int64_t action, Entry& entry) {
     if (action == REJECT) return;
     double surprise = scores.size[k - 1], total = scores.size_variance[k - 1];
     each_step(scores.actions, action, [&](int64_t s, int64_t number) {
-        const Step step = step_from(before.configuration[s], number);
+        const Step step = step_from(entry.state.configuration[s], number);
         double &mean = entry.mean[s], &variance = entry.variance[s];
         surprise += step.skipped == 0 ? mean : scores.law_mean(s, step.before);
         total += step.skipped == 0 ? variance : scores.law_variance(s, step.before);
@@ -448,7 +440,7 @@ Expansion expand(const Scores& scores, const Bounds& bounds, double cutoff, int6
     for (auto configurations : scores.configurations) starts *= configurations;
     const auto room = static_cast<size_t>(max(budget, starts));
     Expansion found;
-    vector<Entry> entries = enter(scores, bounds, cutoff, starts, found), following;
+    vector<Entry> entries = enter(scores, starts, found), following;
     vector<Offer> offers;
     vector<Merged> merged;
     for (int64_t k : range(1, candidates + 1)) {
@@ -468,13 +460,12 @@ Expansion expand(const Scores& scores, const Bounds& bounds, double cutoff, int6
         for (const Merged& one : merged) {
             for (size_t rank : range(one.kept)) {
                 const Offer& offer = offers[one.best[rank]];
-                const Entry& before = entries[offer.entry];
-                Entry& entry = following.emplace_back(before);
-                learn(scores, before.state, k, offer.action, entry);
+                Entry& entry = following.emplace_back(entries[offer.entry]);
+                learn(scores, k, offer.action, entry);
+                found.tree.push_back({entry.node, offer.action});
                 entry.state = one.state;
                 entry.score = offer.score;
-                entry.node = found.tree.size();
-                found.tree.push_back({before.node, offer.action});
+                entry.node = found.tree.size() - 1;
             }
         }
         swap(entries, following);
