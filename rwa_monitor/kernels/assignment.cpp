@@ -89,6 +89,7 @@ inline double size_term(const Scores& scores, int64_t k, double mean, double var
 // system are optimised separately, and the levels pay a price for their jump at a candidate, which a system that jumps
 // there earns. For any prices the sum of the separate optima is an upper bound of the joint one; good prices balance
 // the gains and costs of the jumps of a good path.
+
 // The largest `size_term` for any mean and at least this variance.
 double highest_size(const Scores& scores, int64_t k, double variance) {
     return size_term(scores, k, scores.size[k - 1], variance);
