@@ -12,7 +12,7 @@ from rwa_monitor.changepoints.stage_results import Candidates
 from rwa_monitor.kernels.changepoints import choose, contrast
 from rwa_monitor.kernels.running_sums import extend_sums
 from rwa_monitor.kernels.wglr import CHUNK, wglr
-from tests.switching.assignment_windows import sums_of
+from tests.switching.assignment_windows import record_of, sums_of
 
 SIGMA = 0.024  # the paper's noise, normalised
 
@@ -35,19 +35,11 @@ def _glr_by_least_squares(x, z, used, k, w, weight, slope):
     return without - with_jump, solution[1] - solution[0]
 
 
-def _record(seed, n=3000, share=1.0):
-    rng = np.random.default_rng(seed)
-    x = 1.0 + 0.4 * np.sin(np.arange(n) / rng.uniform(50, 500))
-    z = 1.0 + 1.2 * x + SIGMA * rng.standard_normal(n)
-    z[n // 2 :] += 0.4
-    return x, z, rng.random(n) < share
-
-
 @pytest.mark.parametrize("w", [1, 2, 4, 16, 50, 128])
 @pytest.mark.parametrize("share", [1.0, 0.8])
 @pytest.mark.parametrize("weight", [1e-4, 1e-2, 10.0])
 def test_statistic_is_the_papers_ratio(w, share, weight):
-    x, z, used = _record(w, share=share)
+    x, z, used = record_of(w, 3000, [(1500, 0.4)], share)
     statistic, jump = wglr(x, z, used, w, weight, 0.9)
     rng = np.random.default_rng(w)
     at = np.append(rng.integers(w, x.size - w, 40), [w, x.size - w, x.size // 2, CHUNK, CHUNK + w])
@@ -65,7 +57,7 @@ def test_statistic_is_the_papers_ratio(w, share, weight):
 
 def test_masked_and_full_branches_agree_to_the_last_bit():
     """One masked sample far away must not change what is computed elsewhere."""
-    x, z, used = _record(5)
+    x, z, used = record_of(5, 3000, [(1500, 0.4)])
     full, _ = wglr(x, z, used, 64, 1e-3, 1.0)
     used[-1] = False
     masked, _ = wglr(x, z, used, 64, 1e-3, 1.0)

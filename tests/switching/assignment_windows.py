@@ -1,5 +1,6 @@
 """Quickly made windows for the tests of stage 3: level plus noise, with true and false candidates."""
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -7,7 +8,7 @@ import numpy as np
 from rwa_monitor.changepoints.running_sums import RunningSums, Structure
 from rwa_monitor.changepoints.stage_results import Candidates, Evidence, NoiseEstimate
 from rwa_monitor.kernels.running_sums import extend_sums
-from rwa_monitor.samples import FloatArray, IntArray
+from rwa_monitor.samples import BoolArray, FloatArray, IntArray
 from rwa_monitor.switching.assignment import Scores, action_table
 from rwa_monitor.switching.duration_likelihoods import tabulated_durations
 from rwa_monitor.wheel.durations import Geometric, Lognormal, Uniform
@@ -25,6 +26,25 @@ def sums_of(x: FloatArray, z: FloatArray, used: np.ndarray | None = None) -> Run
     extend_sums(sums.arrays, sums.running, 0, x.size)
     sums.slots = x.size
     return sums
+
+
+def record_of(
+    seed: int, slots: int, jumps: Iterable[tuple[int, float]] = (), share: float = 1.0
+) -> tuple[FloatArray, FloatArray, BoolArray]:
+    """x, z and used: levels with jumps (slot, size), viscous friction and noise; a share of the samples is used."""
+    rng = np.random.default_rng(seed)
+    x = 1.0 + 0.3 * np.sin(np.arange(slots) / 150.0)
+    z = 1.0 + 1.1 * x + 0.024 * rng.standard_normal(slots)
+    for slot, size in jumps:
+        z[slot:] += size
+    return x, z, rng.random(slots) < share
+
+
+def evidence_at(
+    x: FloatArray, z: FloatArray, slots: Iterable[int], used: BoolArray | None = None, std: float = 0.024
+) -> Evidence:
+    """A window with candidates at given slots."""
+    return evidence_of(x, z, candidates_at(x, z, np.array(list(slots), dtype=np.int64), std, 1.0), std, used)
 
 
 @dataclass
