@@ -197,7 +197,6 @@ class WindowAccumulator:
     def __init__(self, wheel: Wheel, slots: int | None = None) -> None:
         self.wheel = wheel
         self.slots = wheel.window.samples if slots is None else slots
-        self.filled = 0
         self.good = 0
         self.slope_prior = nominal_slope_prior(wheel)
 
@@ -211,7 +210,6 @@ class WindowAccumulator:
         used: BoolArray = np.empty(self.slots, dtype=np.bool_)  # memory is not touched before there are samples for it
         self._sums = RunningSums(self._x, self._z, used)
         self._structure = StructureSums.of(self.slots)
-        self._done = 0  # slots that detection has seen
         self._closed = False
 
         # Without a prior of the slope, two neighbouring samples carry no information on a jump: no scale of 1 slot.
@@ -250,6 +248,11 @@ class WindowAccumulator:
         blocks: FloatArray = np.empty((2, self.slots // self.settings.block_hop + 1, LAGS))
         arrays = (self._motion, self._x, self._z, self._good, used, sums.arrays, sums.running, *blocks, self._structure)
         self._window = Window(arrays, self.settings, self._scales)
+
+    @property
+    def filled(self) -> int:
+        """Slots that the window holds."""
+        return self._window.filled
 
     # ---- samples in ------------------------------------------------------------------------------------------------
 
@@ -312,7 +315,7 @@ class WindowAccumulator:
         self._good[:count] = good
         self.good = int(good.sum())
         self._structure.resume(gathered.turns, good)
-        self.filled = count
+        self._window.filled = count
         self._gather()
 
     def close(self) -> Evidence:
@@ -327,11 +330,11 @@ class WindowAccumulator:
             raise ValueError("the window is closed already")
         self._gather(last=True)
         self._closed = True
-        levels, counts, variances, quantiles = self._window.noise(self._done)
+        levels, counts, variances, quantiles = self._window.noise()
         variances[self._masked] = np.nan
         noise = estimate_noise(levels, counts, self._scales, variances, self._sums.count, self.settings.start_std)
         return Evidence(
-            slots=self._done,
+            slots=self._sums.slots,
             good=self.good,
             used=self._sums.count,
             candidates=self._candidates(variances, noise, self._outliers(variances, quantiles)[0]),
@@ -356,7 +359,7 @@ class WindowAccumulator:
             np.concatenate((index, behind)),
             np.concatenate((scale, reach)),
             np.concatenate((statistic, np.full(behind.size, np.inf))),  # each is the first of its scale to be tried
-            self._done,
+            self._sums.slots,
             self._sums.arrays,
             (variance_table(self._scales[known], variances[known]), threshold, outlier),
             ar_coefficient(noise),
@@ -367,7 +370,7 @@ class WindowAccumulator:
 
     def _temperature(self) -> Temperature | None:
         """Return the temperature with which the window's viscous friction was computed; None where none is known."""
-        temperature, error = self._heat[:, : self._done]
+        temperature, error = self._heat[:, : self._sums.slots]
         used = self._sums.arrays.used[: temperature.size] & np.isfinite(temperature)
         if not used.any():
             return None
@@ -382,10 +385,9 @@ class WindowAccumulator:
         events: list[ConfirmedCandidate] = []
         heavy = True
         while heavy:
-            count, self._done, reported, heavy = self._window.gather(*slots, self.filled, self._done, last)
+            count, reported, heavy = self._window.gather(*slots, last)
             self.good += count
-            self.filled += slots[0].size
-            self._sums.slots = self._done
+            self._sums.slots = self._window.done
             if reported:
                 events += self._announced()
             if heavy:

@@ -36,6 +36,8 @@ class Window:
 
     Attributes
     ----------
+    filled, done
+        Slots that the window holds, and that detection has seen.
     variances
         float64 (S,), of the contrast of each scale; NaN where it is not known.
     quantiles
@@ -45,6 +47,8 @@ class Window:
         deviations, and the normalised statistics.
     """
 
+    filled: int
+    done: int
     variances: FloatArray
     quantiles: tuple[float, float, float]
     reported: tuple[IntArray, FloatArray, FloatArray, FloatArray]
@@ -56,10 +60,8 @@ class Window:
         torque: FloatArray,
         good: BoolArray,
         viscous_speed: FloatArray,
-        filled: int,
-        done: int,
         last: bool,
-    ) -> tuple[int, int, int, bool]:
+    ) -> tuple[int, int, bool]:
         """Add new slots to the window, and run the detection up to the last complete block.
 
         Parameters
@@ -68,24 +70,22 @@ class Window:
             (n,), the new slots as measured.
         viscous_speed
             (n,), to which viscous friction is proportional; empty where that is the speed.
-        filled, done
-            Slots that the window holds, and slots already scanned.
         last
             Whether no slot will follow: otherwise the last ones wait until a block is full, the first until a chunk
             is.
 
         Returns
         -------
-        tuple[int, int, int, bool]
-            Number of good new slots, end of the detection, number of jumps reported, and whether it ended early
-            because the noise is heavy-tailed: then call `set_outlier`, and this again without new slots.
+        tuple[int, int, bool]
+            Number of good new slots, number of jumps reported, and whether the detection ended early because the noise
+            is heavy-tailed: then call `set_outlier`, and this again without new slots.
         """
 
     def set_outlier(self, outlier: float, sure_outlier: float) -> None:
         """Set the largest outliers by chance, for keeping peaks and for reporting jumps at once; normalised."""
 
-    def noise(self, done: int) -> tuple[FloatArray, FloatArray, FloatArray, tuple[float, float, float]]:
-        """Return the noise of the slots [0, done).
+    def noise(self) -> tuple[FloatArray, FloatArray, FloatArray, tuple[float, float, float]]:
+        """Return the noise of the slots that detection has seen.
 
         Levels and counts as from `kernels.noise.quiet_levels`, float64 (LAGS,); the variance of each scale's contrast,
         float64 (S,); the quantiles of the narrowest scale's statistic.
