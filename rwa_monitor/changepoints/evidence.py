@@ -246,7 +246,7 @@ class WindowAccumulator:
         )
         sums = self._sums
         blocks: FloatArray = np.empty((2, self.slots // self.settings.block_hop + 1, LAGS))
-        arrays = (self._motion, self._x, self._z, self._good, used, sums.arrays, sums.running, *blocks, self._structure)
+        arrays = (self._motion, self._good, sums.arrays, sums.running, *blocks, self._structure)
         self._window = Window(arrays, self.settings, self._scales)
 
     @property

@@ -68,15 +68,15 @@ VECTORISED void mark_used(
     }
 }
 
-// Viscous friction is proportional to `x`: |ω|/unit, the same array as `motion`, or a separate array.
+// Viscous friction is proportional to the sums' `x`: |ω|/unit, the same array as `motion`, or a separate array.
 struct WindowArrays {
-    Vector<double> motion, x, z;
-    Vector<bool> good, used;
+    Vector<double> motion;
+    Vector<bool> good;
     SumArrays sums;
     Vector<double> running;
     Matrix<double> block_sums, block_pairs;  // see `block_differences`
     StructureArrays structure;
-    FIELDS(motion, x, z, good, used, sums, running, block_sums, block_pairs, structure)
+    FIELDS(motion, good, sums, running, block_sums, block_pairs, structure)
 };
 
 struct WindowSettings {
@@ -106,13 +106,13 @@ struct Window {
         // The second difference of a smooth speed is noise of √6 times its standard deviation.
         certain = SPEED_NOISES * median_size(differences(differences(speeds))) / (normal_median * sqrt(6.0));
         band = isnan(by.dead_band) ? certain : by.dead_band;
-        mark_used(a.motion.data, a.good.data, band, 0, stop, filled, a.used.data);
+        mark_used(a.motion.data, a.good.data, band, 0, stop, filled, a.sums.used.data);
         weight = SMALLEST_WEIGHT;
         if (isnan(by.prior_std)) return;
         double std = by.start_std;
         if (isnan(std)) {
             for (int64_t k : range(stop)) {
-                if (a.used[k]) levels.push_back(a.z[k] - by.prior_mean * a.x[k]);
+                if (a.sums.used[k]) levels.push_back(a.sums.z[k] - by.prior_mean * a.sums.x[k]);
             }
             std = median_size(differences(levels)) / (normal_median * sqrt(2.0));
         }
@@ -150,9 +150,9 @@ struct Window {
         const int64_t n = speed.size();
         const int64_t count = normalise(
             speed.data, torque.data, good.data, n, by.speed_unit, by.torque_unit, a.motion.data + filled,
-            a.z.data + filled, a.good.data + filled);
+            a.sums.z.data + filled, a.good.data + filled);
         for (int64_t k : range(viscous_speed.size())) {
-            a.x[filled + k] = a.good[filled + k] ? abs(viscous_speed[k]) / by.speed_unit : 0.0;
+            a.sums.x[filled + k] = a.good[filled + k] ? abs(viscous_speed[k]) / by.speed_unit : 0.0;
         }
 #ifndef RWA_ONBOARD  // not used before the window's close
         count_signs(filled, speed, a.good.slice(filled, filled + n), a.structure.signs, a.structure.counts);
@@ -160,7 +160,7 @@ struct Window {
         filled += n;
         reported = {};
         // A slot is judged by its neighbours; the last one of a full window has only one.
-        const int64_t known = filled == a.x.size() ? filled : max<int64_t>(filled - 1, 0);
+        const int64_t known = filled == a.sums.x.size() ? filled : max<int64_t>(filled - 1, 0);
         const bool heavy = detect_until(last ? filled : known - known % BLOCK, last);
         return {count, std::get<0>(reported).size(), heavy};
     }
@@ -197,22 +197,23 @@ struct Window {
     }
 
     void scan(int64_t start, int64_t stop, bool counting) {
-        detector.scan(a.x, a.z, a.used, start, stop, counting, {weight, slope, variances, floors, sure});
+        detector.scan(a.sums.x, a.sums.z, a.sums.used, start, stop, counting, {weight, slope, variances, floors, sure});
     }
 
     // Detect in the slots [start, stop) and add them to all sums.
     void detect(int64_t start, int64_t stop) {
         if (start >= CHUNK) {
-            mark_used(a.motion.data, a.good.data, band, start, stop, filled, a.used.data);
+            mark_used(a.motion.data, a.good.data, band, start, stop, filled, a.sums.used.data);
         }
         scan(start, stop, start >= CHUNK);
         extend_sums(a.sums, a.running, start, stop);
 #ifndef RWA_ONBOARD
         extend_structure(
-            a.motion, a.x, a.z, a.good, a.used, start, stop, certain, by.angle_per_x, by.stretch_hop, a.structure);
+            a.motion, a.sums.x, a.sums.z, a.good, a.sums.used, start, stop, certain, by.angle_per_x, by.stretch_hop,
+            a.structure);
 #endif
         block_differences(
-            a.x, a.z, a.used, blocks_before(start), blocks_before(stop), by.block_hop, slope, weight,
+            a.sums.x, a.sums.z, a.sums.used, blocks_before(start), blocks_before(stop), by.block_hop, slope, weight,
             a.block_sums, a.block_pairs);
     }
 

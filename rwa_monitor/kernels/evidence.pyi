@@ -8,21 +8,10 @@ KEPT_STATISTIC: Final[float]
 SMALLEST_WEIGHT: Final[float]
 SPEED_NOISES: Final[float]
 
-# motion, x, z, good, used, (slots,): the samples, normalised, |ω| first (the same array as x where viscous friction is
-# proportional to it); which are good, and which of those are used. Running sums, see `RunningSums`; sums and pairs of
-# the noise's blocks, see `kernels.noise.block_differences`; structure.
-_WindowArrays = tuple[
-    FloatArray,
-    FloatArray,
-    FloatArray,
-    BoolArray,
-    BoolArray,
-    SumArrays,
-    FloatArray,
-    FloatArray,
-    FloatArray,
-    StructureSums,
-]
+# motion, good, (slots,): |ω|, normalised (the same array as x of the sums where viscous friction is proportional to it),
+# and which samples are good. Running sums, see `RunningSums`; sums and pairs of the noise's blocks, see
+# `kernels.noise.block_differences`; structure.
+_WindowArrays = tuple[FloatArray, BoolArray, SumArrays, FloatArray, FloatArray, FloatArray, StructureSums]
 
 class Window:
     """A window: arrays that are filled in place, and must not be replaced while it is in use, and its own estimates.

@@ -36,9 +36,7 @@ struct rwa_detector {
         return {reinterpret_cast<bool*>(values.data()), {static_cast<int64_t>(values.size())}};
     }
     rwa::WindowArrays arrays() {
-        const rwa::Vector<bool> taken = flags(used);
-        return {x, x, z, flags(good), taken, {checkpoints, x, z, taken, centre}, running, block_sums, block_pairs,
-                {}};
+        return {x, flags(good), {checkpoints, x, z, flags(used), centre}, running, block_sums, block_pairs, {}};
     }
     rwa::WindowSettings kernel_settings() const {
         return {settings.speed_unit, settings.torque_unit, 0.0, settings.block_hop, 0, settings.dead_band,
