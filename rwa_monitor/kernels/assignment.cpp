@@ -83,8 +83,8 @@ inline double size_term(const Scores& scores, int64_t k, double mean, double var
 }
 
 // ---- bounds ----------------------------------------------------------------------------------------------------------
-// Upper bounds of the score that can follow a partial assignment. The first search has free ones: every jump has the best
-// law and the best size that any system could have there. The second has a Lagrangian relaxation (Fisher 1981, "The
+// Upper bounds of the score that can follow a partial assignment. Those of the first search are free: every jump has the
+// best law and size that any system could have there. Those of the second are a Lagrangian relaxation (Fisher 1981, "The
 // Lagrangian relaxation method for solving integer programming problems", Management Science 27): levels and each
 // system are optimised separately, and the levels pay a price for their jump at a candidate, which a system that jumps
 // there earns. For any prices the sum of the separate optima is an upper bound of the joint one; good prices balance

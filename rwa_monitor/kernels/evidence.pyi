@@ -8,7 +8,7 @@ KEPT_STATISTIC: Final[float]
 SMALLEST_WEIGHT: Final[float]
 SPEED_NOISES: Final[float]
 
-# motion, good, (slots,): |ω|, normalised (the same array as x of the sums where viscous friction is proportional to it),
+# motion, good, (slots,): |ω|, normalised, the same array as x of the sums where viscous friction is proportional to it;
 # and which samples are good. Running sums, see `RunningSums`; sums and pairs of the noise's blocks, see
 # `kernels.noise.block_differences`; structure.
 _WindowArrays = tuple[FloatArray, BoolArray, SumArrays, FloatArray, FloatArray, FloatArray, StructureSums]

@@ -13,7 +13,7 @@ from rwa_monitor.kernels.assignment import PREFERENCE, refine_nodes
 from rwa_monitor.kernels.friction import evidence_of_cases, solve_cases
 from rwa_monitor.kernels.laws import densities
 from rwa_monitor.switching.friction_model import Cases
-from tests.switching.assignment_windows import sums_of
+from tests.switching.assignment_windows import record_of, sums_of
 
 
 def test_levels_without_samples_leave_the_sign_to_the_contrast():
@@ -110,18 +110,14 @@ def test_values_that_are_not_known_have_no_density():
 # ---- levels and positions over the samples themselves ---------------------------------------------------------------
 
 
-SLOTS, STD, SLOPE = 4_000, 0.05, 0.8
+SLOTS, STD, SLOPE = 4_000, 0.024, 1.1
 INDEX = np.array([320, 1_003, 1_040, 2_500, 3_900])
 
 
 @pytest.fixture
 def record() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """x, z and used of a window with five jumps, a tenth of its samples masked."""
-    rng = np.random.default_rng(71)
-    x = 0.6 + 0.3 * np.sin(np.arange(SLOTS) / 300.0)
-    level = np.concatenate([[1.0], 1.0 + np.cumsum([0.4, -0.3, 0.5, -0.6, 0.2])])
-    z = level[np.searchsorted(INDEX, np.arange(SLOTS), side="right")] + SLOPE * x + STD * rng.standard_normal(SLOTS)
-    return x, z, rng.random(SLOTS) > 0.1
+    return record_of(71, SLOTS, zip(INDEX.tolist(), (0.4, -0.3, 0.5, -0.6, 0.2), strict=True), 0.9)
 
 
 def _error(values: np.ndarray) -> float:
