@@ -95,7 +95,10 @@ def assign(
     if choices is None and not hard:
         # A missed jump makes every sequence impossible under hard laws; then impossible durations get a penalty, but
         # impossible transitions stay impossible.
-        tables = [_Tables(*(np.maximum(one, LOG_IMPOSSIBLE) for one in table[:2]), table.turn) for table in tables]
+        tables = [
+            table._replace(ends=np.maximum(table.ends, LOG_IMPOSSIBLE), lasts=np.maximum(table.lasts, LOG_IMPOSSIBLE))
+            for table in tables
+        ]
         choices, start, score, more, pruned = _programme(tables, directions, rejection)
         states += more
     system = np.array(choices, dtype=np.int64) if choices is not None else np.full(index.size, UNATTRIBUTED)
