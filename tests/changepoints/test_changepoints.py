@@ -8,7 +8,6 @@ from scipy import signal
 
 from rwa_monitor.changepoints.evidence import peaks_behind_gaps, variance_table
 from rwa_monitor.changepoints.running_sums import RunningSums
-from rwa_monitor.changepoints.stage_results import Candidates
 from rwa_monitor.kernels.changepoints import choose, contrast
 from rwa_monitor.kernels.running_sums import extend_sums
 from rwa_monitor.kernels.wglr import CHUNK, wglr
@@ -65,16 +64,6 @@ def test_masked_and_full_branches_agree_to_the_last_bit():
     assert np.isfinite(full[64:-64]).all()
 
 
-def _window(z, used=None):
-    return sums_of(np.ones(z.size), z, used)
-
-
-def _select(peaks, sums, table, threshold, outlier=0.0, correlation=0.0):
-    slope = (SIGMA**2, 0.0, 1.0)  # the speed is constant: the slope is that of its prior
-    tried = (peaks.index, peaks.scale, peaks.statistic)
-    return Candidates(*choose(*tried, sums.slots, sums.arrays, (table, threshold, outlier), correlation, *slope))
-
-
 def test_in_coloured_noise_places_are_found_better_with_its_colour():
     """Jumps of 3–4 σ in AR(0.5) noise: more of them exactly in place than the white likelihood finds."""
     rng = np.random.default_rng(11)
@@ -82,13 +71,12 @@ def test_in_coloured_noise_places_are_found_better_with_its_colour():
     noise = SIGMA * signal.lfilter([np.sqrt(1 - phi**2)], [1, -phi], rng.standard_normal(n))
     jumps = np.arange(every, n, every)
     z = noise + np.cumsum(np.isin(np.arange(n), jumps) * rng.choice([-3.5, 3.5], n)) * SIGMA
-    sums = _window(z)
-    peaks = Candidates(jumps + 3, np.full(jumps.size, 32), np.full(jumps.size, 100.0), np.ones(jumps.size))
-    table = variance_table(np.array([1, 32]), np.array([0.5, 2.8]) * SIGMA**2)
-    exact = [
-        np.isin(jumps, _select(peaks, sums, table, 20.0, correlation=correlation).index).sum()
-        for correlation in (0.0, phi)
-    ]
+    sums = sums_of(np.ones(n), z)
+    peaks = jumps + 3, np.full(jumps.size, 32), np.full(jumps.size, 100.0)
+    threshold = variance_table(np.array([1, 32]), np.array([0.5, 2.8]) * SIGMA**2), 20.0, 0.0
+    slope = SIGMA**2, 0.0, 1.0  # the speed is constant: the slope is that of its prior
+    chosen = [choose(*peaks, n, sums.arrays, threshold, correlation, *slope)[0] for correlation in (0.0, phi)]
+    exact = [np.isin(jumps, index).sum() for index in chosen]
     # 119 jumps; the white likelihood places about 75 % of them exactly, the right one about 90 %.
     assert exact[1] >= exact[0] + 5
 

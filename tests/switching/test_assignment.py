@@ -11,10 +11,9 @@ from rwa_monitor.paper.method import split_friction
 from rwa_monitor.switching.assignment import assign
 from rwa_monitor.wheel.durations import Geometric, Histogram, Lognormal, Weibull
 from rwa_monitor.wheel.wheel import FrictionRange, SwitchingSystem, Wheel, built_in_wheel
-from tests.switching.assignment_windows import candidates_at, evidence_at, evidence_of, simulate, window
+from tests.switching.assignment_windows import STD, candidates_at, evidence_at, evidence_of, simulate, window
 
 WHEEL = built_in_wheel()
-STD = 0.024
 TOLERANCE = 5  # slots
 
 
@@ -60,7 +59,7 @@ def test_places_jumps_of_the_examples_on_the_right_system():
     counts = {"joint": [0, 0, 0], "paper": [0, 0, 0]}  # good, all, false
     rng = np.random.default_rng(20)
     for number in range(windows):
-        x, z, jumps, _, _ = simulate(WHEEL, rng, std=STD)
+        x, z, jumps, _, _ = simulate(WHEEL, rng)
         evidence = detect(x, z, 1 if number % 2 else -1)
         for method, run in (("joint", assign), ("paper", split_friction)):
             good, false = matched(accepted(run(evidence, WHEEL)[0]), jumps)  # type: ignore[operator]
