@@ -10,10 +10,9 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from rwa_monitor.changepoints.noise import mean_variance_factor, median_size
+from rwa_monitor.changepoints.noise import mean_variance_factor
 from rwa_monitor.changepoints.running_sums import RunningSums
 from rwa_monitor.changepoints.stage_results import Candidates, Estimate, Evidence, NoiseEstimate
-from rwa_monitor.kernels.assignment import refine_nodes
 from rwa_monitor.kernels.running_sums import slope_within
 from rwa_monitor.samples import BoolArray, FloatArray, IntArray
 from rwa_monitor.wheel.wheel import Wheel
@@ -168,9 +167,7 @@ def residual_blocks(evidence: Evidence, estimate: Estimate, size: int) -> Blocks
 # ---- levels between candidates, while it is not decided which of them are jumps: from range sums alone ---------------
 
 
-REACH: Final = (4, 32)  # by how many slots a position is refined at least and at most
 LEVEL_SCATTER: Final = 0.15  # of levels that should be equal, in standard deviations of a sample's noise
-WEAK_STATISTIC: Final = 9.0  # below three standard deviations the contrast's sign is uncertain
 
 
 class Level(NamedTuple):
@@ -274,43 +271,15 @@ def level_scatter(variance: float) -> float:
     return LEVEL_SCATTER**2 * variance
 
 
-def refine(sums: RunningSums, index: IntArray, reach: IntArray, slope: float, variance: float) -> IntArray:
-    """Move each changepoint to the slot near it that splits its two neighbouring intervals best.
-
-    Parameters
-    ----------
-    sums
-        Running sums of the window.
-    index
-        int64 (m,), positions, strictly increasing.
-    reach
-        int64 (m,), how far each may move [slots]; never beyond half way to a neighbour, so that no two meet.
-    slope, variance
-        Shared slope and variance of the noise.
-    """
-    return refine_nodes(np.concatenate(([0], index, [sums.slots])), reach, slope, variance, sums.arrays)
-
-
-def typical_jump(jump: FloatArray) -> float:
-    """Return the median absolute size of the finite jumps; 0 without any."""
-    return median_size(jump[np.isfinite(jump)])
-
-
-def reach_of(candidates: Candidates) -> IntArray:
-    """Return how far each candidate's position may be off [slots]: half the half-width w that found it, in `REACH`."""
-    return np.clip(candidates.scale // 2, *REACH)
-
-
 def possible_signs(candidates: Candidates, level: Level) -> BoolArray:
     """Return for each candidate whether the level may fall there, and whether it may rise, bool (m, 2).
 
     The contrast that found a candidate and the levels between accepted candidates usually agree in sign; where they do
-    not, or the contrast is weak, both directions are allowed.
+    not, both directions are allowed.
     """
     levels = levels_of(level.pairs, level.nodes, level.slope)
     # A segment without samples takes the level of the one before it.
     seen = np.maximum.accumulate(np.where(np.isfinite(levels), np.arange(levels.size), 0))
     step = np.zeros(len(candidates))
     step[level.nodes[1:-1] - 1] = np.diff(levels[seen])
-    weak = (candidates.statistic < WEAK_STATISTIC) | ~np.isfinite(candidates.jump)
-    return np.stack([(d * candidates.jump > 0.0) | (d * step > 0.0) | weak for d in (-1.0, 1.0)], axis=1)
+    return np.stack([(d * candidates.jump > 0.0) | (d * step > 0.0) for d in (-1.0, 1.0)], axis=1)

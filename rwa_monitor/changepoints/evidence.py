@@ -17,7 +17,7 @@ import numpy as np
 from pydantic import Field
 from scipy import special
 
-from rwa_monitor.changepoints.estimation import SlopePrior, nominal_slope_prior
+from rwa_monitor.changepoints.estimation import nominal_slope_prior
 from rwa_monitor.changepoints.noise import (
     FALSE_POSITIVE,
     ar_coefficient,
@@ -27,7 +27,7 @@ from rwa_monitor.changepoints.noise import (
     outlier_chance,
 )
 from rwa_monitor.changepoints.running_sums import RunningSums, StructureSums, stretch_hop
-from rwa_monitor.changepoints.stage_results import Candidates, Evidence, Temperature
+from rwa_monitor.changepoints.stage_results import Candidates, Evidence, NoiseEstimate, Temperature
 from rwa_monitor.kernels import changepoints as kernel
 from rwa_monitor.kernels.evidence import KEPT_STATISTIC, Window
 from rwa_monitor.kernels.noise import KEPT, LAGS, MOST_JUMPED
@@ -45,7 +45,10 @@ PEAK_TESTS_PER_SLOT: Final = 1.5  # independent tests per slot to which the peak
 # with 4 degrees of freedom, so that its run length is the one requested (docs/false_alarms.md).
 NEIGHBOUR_CONTRAST: Final = 2.7
 TAIL_FACTOR: Final = 2.0  # safety factor on the largest outlier by chance, where no run length is requested
-FALSE_CANDIDATES: Final = 0.3  # tolerated on average in a window without a jump; the assignment rejects them
+# Candidates tolerated on average in a window without a jump, 0.3, over the independent tests per slot to which their
+# choice amounts. The peaks of all scales are about 1.5, but a candidate must also stay significant between its final
+# neighbours: 0.25, found on simulated windows. The assignment rejects false candidates.
+FALSE_CANDIDATES: Final = 1.2
 UNKNOWN_ERROR_K: Final = 1.0  # K: a temperature with this error or more counts as unknown: viscosity is off by 2 to 8 %
 # Speed, torque, whether they are good, and the speed of `ViscousSpeed` (or no values), as `Window.gather` takes them.
 _Slots = tuple[FloatArray, FloatArray, BoolArray, FloatArray]
@@ -194,7 +197,6 @@ class WindowAccumulator:
     def __init__(self, wheel: Wheel, slots: int | None = None) -> None:
         self.wheel = wheel
         self.slots = wheel.window.samples if slots is None else slots
-        self.filled = 0
         self.good = 0
         self.slope_prior = nominal_slope_prior(wheel)
 
@@ -208,7 +210,6 @@ class WindowAccumulator:
         used: BoolArray = np.empty(self.slots, dtype=np.bool_)  # memory is not touched before there are samples for it
         self._sums = RunningSums(self._x, self._z, used)
         self._structure = StructureSums.of(self.slots)
-        self._done = 0  # slots that detection has seen
         self._closed = False
 
         # Without a prior of the slope, two neighbouring samples carry no information on a jump: no scale of 1 slot.
@@ -245,8 +246,13 @@ class WindowAccumulator:
         )
         sums = self._sums
         blocks: FloatArray = np.empty((2, self.slots // self.settings.block_hop + 1, LAGS))
-        arrays = (self._motion, self._x, self._z, self._good, used, sums.arrays, sums.running, *blocks, self._structure)
+        arrays = (self._motion, self._good, sums.arrays, sums.running, *blocks, self._structure)
         self._window = Window(arrays, self.settings, self._scales)
+
+    @property
+    def filled(self) -> int:
+        """Slots that the window holds."""
+        return self._window.filled
 
     # ---- samples in ------------------------------------------------------------------------------------------------
 
@@ -309,7 +315,7 @@ class WindowAccumulator:
         self._good[:count] = good
         self.good = int(good.sum())
         self._structure.resume(gathered.turns, good)
-        self.filled = count
+        self._window.filled = count
         self._gather()
 
     def close(self) -> Evidence:
@@ -324,28 +330,47 @@ class WindowAccumulator:
             raise ValueError("the window is closed already")
         self._gather(last=True)
         self._closed = True
-        levels, counts, variances, quantiles = self._window.noise(self._done)
+        levels, counts, variances, quantiles = self._window.noise()
         variances[self._masked] = np.nan
         noise = estimate_noise(levels, counts, self._scales, variances, self._sums.count, self.settings.start_std)
-        threshold = max(threshold_for(FALSE_CANDIDATES, TESTS_PER_SLOT * self._sums.count), KEPT_STATISTIC)
-        evidence = Evidence(
-            slots=self._done,
+        return Evidence(
+            slots=self._sums.slots,
             good=self.good,
             used=self._sums.count,
-            candidates=Candidates(*self._window.peaks_above(threshold, variances)),
+            candidates=self._candidates(variances, noise, self._outliers(variances, quantiles)[0]),
             sums=self._sums,
             noise=noise,
-            threshold=threshold,
             structure=self._structure.close(),
             heat=self._temperature(),
         )
-        outlier, _ = self._outliers(variances, quantiles)
-        candidates = choose(evidence, self._scales, variances, outlier, self.slope_prior)
-        return evidence._replace(candidates=candidates)
+
+    def _candidates(self, variances: FloatArray, noise: NoiseEstimate, outlier: float) -> Candidates:
+        """Choose the candidates among the peaks of the window and the possible jumps behind its gaps.
+
+        `outlier`: see `noise.largest_outlier`.
+        """
+        threshold = max(threshold_for(FALSE_CANDIDATES, self._sums.count), KEPT_STATISTIC)
+        index, scale, statistic, jump = self._window.peaks_above(threshold, variances)
+        known = np.isfinite(variances)
+        if not known.any():
+            return Candidates(index, scale, statistic, jump)  # none
+        behind, reach = peaks_behind_gaps(self._sums)
+        chosen = kernel.choose(
+            np.concatenate((index, behind)),
+            np.concatenate((scale, reach)),
+            np.concatenate((statistic, np.full(behind.size, np.inf))),  # each is the first of its scale to be tried
+            self._sums.slots,
+            self._sums.arrays,
+            (variance_table(self._scales[known], variances[known]), threshold, outlier),
+            ar_coefficient(noise),
+            noise.std**2 * noise.long_run_factor,
+            *self.slope_prior,
+        )
+        return Candidates(*chosen)
 
     def _temperature(self) -> Temperature | None:
         """Return the temperature with which the window's viscous friction was computed; None where none is known."""
-        temperature, error = self._heat[:, : self._done]
+        temperature, error = self._heat[:, : self._sums.slots]
         used = self._sums.arrays.used[: temperature.size] & np.isfinite(temperature)
         if not used.any():
             return None
@@ -360,10 +385,9 @@ class WindowAccumulator:
         events: list[ConfirmedCandidate] = []
         heavy = True
         while heavy:
-            count, self._done, reported, heavy = self._window.gather(*slots, self.filled, self._done, last)
+            count, reported, heavy = self._window.gather(*slots, last)
             self.good += count
-            self.filled += slots[0].size
-            self._sums.slots = self._done
+            self._sums.slots = self._window.done
             if reported:
                 events += self._announced()
             if heavy:
@@ -395,66 +419,8 @@ class WindowAccumulator:
 # themselves. Everything comes from running sums; a few samples are read around each candidate.
 
 
-# Independent tests per slot to which the choice of candidates amounts. The peaks of all scales are about 1.5, but a
-# candidate must also stay significant between its final neighbours: found on simulated windows without a jump.
-TESTS_PER_SLOT: Final = 0.25
 _BOUNDS: Final = (2.0, 12.0, 10_001)  # standard deviations: run lengths of 10 to 1e30 samples
 _LOG_USED: Final[FloatArray] = np.log(np.maximum(np.arange(MAX_SCALE + 1), 1))  # of 0 … MAX_SCALE used samples
-
-
-class Threshold(NamedTuple):
-    """What a jump must exceed to be a candidate.
-
-    Attributes
-    ----------
-    variances
-        float64 (MAX_SCALE + 1,), see `variance_table`.
-    threshold
-        χ² threshold of the normalised statistic.
-    outlier
-        See `noise.largest_outlier`.
-    """
-
-    variances: FloatArray
-    threshold: float
-    outlier: float
-
-
-def choose(
-    evidence: Evidence, scales: IntArray, variances: FloatArray, outlier: float, slope_prior: SlopePrior
-) -> Candidates:
-    """Choose the candidates among the peaks of a window and the possible jumps behind its gaps.
-
-    Parameters
-    ----------
-    evidence
-        Of the window, all its peaks as candidates.
-    scales, variances
-        int64 and float64 (S,), half-widths of the scales [slots] and the variance of each one's contrast; NaN where it
-        is not known.
-    outlier
-        See `noise.largest_outlier`.
-    slope_prior
-        Prior of the slope.
-    """
-    known = np.isfinite(variances)
-    found, behind = evidence.candidates, peaks_behind_gaps(evidence.sums)
-    if len(found) + len(behind) == 0 or not known.any():
-        return found
-    table = variance_table(scales[known], variances[known])
-    noise = evidence.noise
-    chosen = kernel.choose(
-        np.concatenate((found.index, behind.index)),
-        np.concatenate((found.scale, behind.scale)),
-        np.concatenate((found.statistic, behind.statistic)),
-        evidence.slots,
-        evidence.sums.arrays,
-        Threshold(table, evidence.threshold, outlier),
-        ar_coefficient(noise),
-        noise.std**2 * noise.long_run_factor,
-        *slope_prior,
-    )
-    return Candidates(*chosen)
 
 
 def threshold_for(false_alarms: float, tests: float) -> float:
@@ -487,12 +453,11 @@ def variance_table(scales: IntArray, variances: FloatArray) -> FloatArray:
     return np.exp(np.interp(_LOG_USED, np.log(scales), np.log(variances)))
 
 
-def peaks_behind_gaps(sums: RunningSums) -> Candidates:
-    """Return a peak behind each long gap without a used sample: missing telemetry, the dead band around zero.
+def peaks_behind_gaps(sums: RunningSums) -> tuple[IntArray, IntArray]:
+    """Return slot and scale of a peak behind each long gap without a used sample: missing telemetry, the dead band.
 
     No contrast of the fixed scales spans such a gap, so that a jump in it would never be detected. The peak's scale
-    reaches MAX_SCALE slots beyond the gap; `choose` tests whether there is a jump. The statistic is infinite, which
-    only makes it the first of its scale to be tried.
+    reaches MAX_SCALE slots beyond the gap; `kernels.changepoints.choose` tests whether there is a jump.
 
     Parameters
     ----------
@@ -503,11 +468,10 @@ def peaks_behind_gaps(sums: RunningSums) -> Candidates:
     count = arrays.checkpoints[: slots // STRIDE + 1, 0]
     empty = count[1:] == count[:-1]
     begin, end = STRIDE * np.flatnonzero(np.diff(np.concatenate(([False], empty, [False])))).reshape(-1, 2).T
-    index, scale = [], []
+    found = []
     for first, stop in zip(begin.tolist(), end.tolist(), strict=True):
         there = np.flatnonzero(arrays.used[stop : min(stop + STRIDE, slots)])
         if first > 0 and stop - first >= MAX_SCALE // 2 and there.size:
-            index.append(stop + int(there[0]))
-            scale.append(stop - first + MAX_SCALE)
-    found = np.array(index, dtype=np.int64)
-    return Candidates(found, np.array(scale, dtype=np.int64), np.full(found.size, np.inf), np.zeros(found.size))
+            found.append((stop + int(there[0]), stop - first + MAX_SCALE))
+    index, scale = np.array(found, dtype=np.int64).reshape(-1, 2).T.copy()
+    return index, scale

@@ -36,7 +36,6 @@ from rwa_monitor.samples import FloatArray, IntArray
 NORMAL_MEDIAN: Final = float(special.ndtri(0.75))  # median of |N(0, 1)|
 _TRIED: Final = 3 * LAGS // 4  # lags at which the noise may be correlated
 _LEAST_VARIANCE: Final = SMALLEST_STD * SMALLEST_STD
-_LEAST_CORRELATION: Final = 0.1  # correlation of neighbours below which noise counts as white
 _AR_TOLERANCE: Final = 0.15  # of ρ(2) = ρ(1)²: a few standard errors in a long window
 
 
@@ -57,7 +56,8 @@ def chi_variance(statistic: FloatArray) -> float:
 
 
 def median_size(values: FloatArray) -> float:
-    """Return the median of absolute values, 0 of none; `numpy.median` spends more time on checks than on the median."""
+    """Return the median of finite absolute values, 0 of none; `numpy.median` takes longer for checks than for it."""
+    values = values[np.isfinite(values)]
     middle = [(values.size - 1) // 2, values.size // 2]
     return 0.5 * float(np.partition(np.abs(values), middle)[middle].sum()) if values.size else 0.0
 
@@ -139,7 +139,7 @@ def ar_coefficient(noise: NoiseEstimate) -> float:
         return 0.0
     variance, first, second = noise.autocovariance[:3].tolist()
     phi = first / variance
-    return phi if phi > _LEAST_CORRELATION and abs(second / variance - phi**2) < _AR_TOLERANCE else 0.0
+    return phi if phi > 0.0 and abs(second / variance - phi**2) < _AR_TOLERANCE else 0.0
 
 
 # ---- outliers --------------------------------------------------------------------------------------------------------

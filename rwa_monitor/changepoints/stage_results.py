@@ -112,8 +112,6 @@ class Evidence(NamedTuple):
         Good slots outside the dead band.
     candidates, sums, noise
         See their classes.
-    threshold
-        The statistic from which a candidate was accepted.
     structure
         What the running sums do not hold of the window.
     heat
@@ -126,7 +124,6 @@ class Evidence(NamedTuple):
     candidates: Candidates
     sums: RunningSums
     noise: NoiseEstimate
-    threshold: float
     structure: Structure
     heat: Temperature | None = None
 

@@ -26,11 +26,10 @@ struct Scores {
            log_range, unattributed, unattributed_variance)
 };
 
-// Upper bounds of the score that can follow: the lower of `rest`, and of `rest_fit` plus `own` of all systems.
+// Upper bounds of the score that can follow: `rest`, plus `own` of all systems.
 struct Bounds {
-    NewMatrix rest;      // (m + 1, m + 1): fits and laws, last changepoint at i, candidates up to k decided
-    NewMatrix rest_fit;  // without laws, less the prices of the jumps
-    Table<double, 4> own;       // (S, Q, m + 1, m + 1): a system's laws plus the prices it earns; sojourn begun at i
+    NewMatrix rest;        // (m + 1, m + 1): fits and jumps, last changepoint at i, candidates up to k decided
+    Table<double, 4> own;  // (S, Q, m + 1, m + 1): a system's laws plus the prices it earns; sojourn begun at i
 };
 
 // Largest possible gain of a jump at each node [log density over the flat one that the fits assume].
@@ -84,13 +83,12 @@ inline double size_term(const Scores& scores, int64_t k, double mean, double var
 }
 
 // ---- bounds ----------------------------------------------------------------------------------------------------------
-// Upper bounds of the score that can follow a partial assignment, of two kinds. The free bound: every jump has the best
-// law and the best size that any system could have there. The priced one is a Lagrangian relaxation (Fisher 1981, "The
+// Upper bounds of the score that can follow a partial assignment. Those of the first search are free: every jump has the
+// best law and size that any system could have there. Those of the second are a Lagrangian relaxation (Fisher 1981, "The
 // Lagrangian relaxation method for solving integer programming problems", Management Science 27): levels and each
 // system are optimised separately, and the levels pay a price for their jump at a candidate, which a system that jumps
 // there earns. For any prices the sum of the separate optima is an upper bound of the joint one; good prices balance
 // the gains and costs of the jumps of a good path.
-constexpr double LEAST_WORTH = -5.0;  // of the size of a path's own jump: limits the price of an improbable size
 
 // The largest `size_term` for any mean and at least this variance.
 double highest_size(const Scores& scores, int64_t k, double variance) {
@@ -108,32 +106,6 @@ void each_jump(int64_t configurations, Visit visit) {
     }
 }
 
-// The largest possible gain of each jump by its size.
-Worth size_worth(const Scores& scores) {
-    const auto [systems, configurations, nodes] = scores.stay.shape;
-    Worth worth{Table<double, 4>({systems, configurations, 2, nodes}, -INFINITY), NewFloats(nodes), NewFloats(nodes),
-                NewFloats(nodes, scores.unattributed)};
-    double smallest = INFINITY;  // smallest variance of a friction that is not fixed
-    for (double variance : scores.law_variance) {
-        if (variance > 0.0) smallest = min(smallest, variance);
-    }
-    for (int64_t k : range(1, nodes)) {
-        worth.alone[k] = size_term(scores, k, 0.0, scores.unattributed_variance);
-        // Both of two systems may return to rest only where the level may fall; otherwise one of them adds friction.
-        worth.twice[k] = highest_size(scores, k, scores.signs(k - 1, 0) || smallest == INFINITY ? 0.0 : smallest);
-        for (int64_t s : range(systems)) {
-            each_jump(scores.configurations[s], [&](int64_t q, int64_t direction, int64_t after) {
-                const double variance = scores.law_variance(s, after);
-                worth.single(s, q, direction, k) =
-                    scores.law_variance(s, q) == 0.0  // from rest the friction before is known
-                        ? size_term(scores, k, scores.law_mean(s, after) - scores.law_mean(s, q), variance)
-                        : highest_size(scores, k, variance);
-            });
-        }
-    }
-    return worth;
-}
-
 // Raise `highest` to the largest entry above the diagonal in each column.
 void raise(Vector<double> highest, FloatMatrix table) {
     for (int64_t i : range(table.shape[0])) {
@@ -141,43 +113,37 @@ void raise(Vector<double> highest, FloatMatrix table) {
     }
 }
 
-// Add the laws to the largest gain of a jump at each node (`with_law`); return the largest gain by size alone.
-NewFloats add_best_laws(const Scores& scores, Worth& worth) {
+Worth worth_of(const Scores& scores) {
     const auto [systems, configurations, nodes] = scores.stay.shape;
-    NewCube law({systems, configurations, nodes}, -INFINITY);
+    Worth worth{Table<double, 4>({systems, configurations, 2, nodes}, -INFINITY), NewFloats(nodes), NewFloats(nodes),
+                NewFloats(nodes)};
+    NewMatrix law({systems, nodes}, -INFINITY);  // the best one of a sojourn that ends at the node
     for (int64_t s : range(systems)) {
-        NewFloats skips(nodes, -INFINITY);
         for (int64_t q : range(configurations)) {
-            for (int64_t skipped : range(2)) raise(skips, scores.missed.row(s).row(q).row(skipped));
-        }
-        for (int64_t q : range(scores.configurations[s])) {
-            const auto best = law.row(s).row(q);
-            copy(skips, best.begin());
-            raise(best, scores.jump.row(s).row(q));
+            raise(law.row(s), scores.jump.row(s).row(q));
+            for (int64_t skipped : range(2)) raise(law.row(s), scores.missed.row(s).row(q).row(skipped));
         }
     }
-    NewFloats size_only(nodes);
     for (int64_t k : range(1, nodes)) {
-        double& with_law = worth.with_law[k];
-        with_law += worth.alone[k];
-        size_only[k] = max(0.0, worth.alone[k]);
+        worth.alone[k] = size_term(scores, k, 0.0, scores.unattributed_variance);
+        worth.twice[k] = highest_size(scores, k, 0.0);
+        double with_law = scores.unattributed + worth.alone[k];
         double first = -INFINITY, second = -INFINITY;  // the best laws of any two systems
         for (int64_t s : range(systems)) {
-            double plain = -INFINITY;
-            each_jump(scores.configurations[s], [&](int64_t q, int64_t direction, int64_t) {
-                const double turned = law(s, q, k) + scores.turn(s, q, direction);
-                const double size = worth.single(s, q, direction, k);
-                plain = max(plain, turned);
-                with_law = max(with_law, turned + size);
-                size_only[k] = max(size_only[k], size);
+            second = max(second, min(first, law(s, k)));
+            first = max(first, law(s, k));
+            each_jump(scores.configurations[s], [&](int64_t q, int64_t direction, int64_t after) {
+                const double variance = scores.law_variance(s, after);
+                const double size = worth.single(s, q, direction, k) =
+                    scores.law_variance(s, q) == 0.0  // from rest the friction before is known
+                        ? size_term(scores, k, scores.law_mean(s, after) - scores.law_mean(s, q), variance)
+                        : highest_size(scores, k, variance);
+                with_law = max(with_law, law(s, k) + size);
             });
-            second = max(second, min(first, plain));
-            first = max(first, plain);
         }
-        with_law = max(with_law, first + second + worth.twice[k]);
-        if (systems > 1) size_only[k] = max(size_only[k], worth.twice[k]);
+        worth.with_law[k] = max(with_law, first + second + worth.twice[k]);
     }
-    return size_only;
+    return worth;
 }
 
 // The best sum of fits and of gains of accepted nodes, from node i to the end, over candidates after k: (m + 1, m + 1).
@@ -241,7 +207,7 @@ NewFloats prices(const Scores& scores, const Worth& worth, Integers start, Integ
             const Step step = step_from(configuration[s], number);
             cost -= sojourn_laws(scores, s, configuration[s], since[s], step)[node] +
                     scores.turn(s, step.before, step.direction) +
-                    max(worth.single(s, step.before, step.direction, node), LEAST_WORTH);
+                    worth.single(s, step.before, step.direction, node);
             systems += 1.0;
             configuration[s] = step.after, since[s] = node;
         });
@@ -250,19 +216,8 @@ NewFloats prices(const Scores& scores, const Worth& worth, Integers start, Integ
     return price;
 }
 
-
-// The bounds without prices, and the largest gains of jumps; every law term must be ≤ 0.
-tuple<Bounds, Worth> free_bounds(const Scores& scores) {
-    Worth worth = size_worth(scores);
-    const NewFloats size_only = add_best_laws(scores, worth);
-    const Table<double, 4> nothing(worth.single.shape);
-    Bounds bounds{
-        best_rest(scores.fit, worth.with_law), best_rest(scores.fit, size_only), best_chains(scores, nothing)};
-    return {move(bounds), move(worth)};
-}
-
-// Recompute the bounds `rest_fit` and `own` with prices from a complete path: its start and the actions taken.
-void set_prices(const Scores& scores, const Worth& worth, Integers start, Integers taken, Bounds& bounds) {
+// Bounds with prices from a complete path: its start and the actions taken.
+Bounds priced_bounds(const Scores& scores, const Worth& worth, Integers start, Integers taken) {
     const NewFloats price = prices(scores, worth, start, taken);
     Table<double, 4> earned(worth.single.shape, -INFINITY);
     NewFloats paid(price.size());
@@ -279,8 +234,7 @@ void set_prices(const Scores& scores, const Worth& worth, Integers start, Intege
             });
         }
     }
-    bounds.rest_fit = best_rest(scores.fit, paid);
-    bounds.own = best_chains(scores, earned);
+    return {best_rest(scores.fit, paid), best_chains(scores, earned)};
 }
 
 // ---- states ----------------------------------------------------------------------------------------------------------
@@ -305,8 +259,8 @@ using StateHash = decltype([](const State& state) {
 // A partial assignment: its state, score and node in the tree; mean and variance of each system's friction.
 struct Entry {
     State state;
-    int64_t node;
-    double score;
+    int64_t node = 0;
+    double score = 0.0;
     array<double, MOST_SYSTEMS> mean{}, variance{};
 };
 
@@ -347,23 +301,17 @@ double bound_of_systems(const Bounds& bounds, const State& state, int64_t system
     return sum;
 }
 
-// Create an entry for each joint configuration at the window's begin whose bound reaches the cutoff.
-vector<Entry> enter(const Scores& scores, const Bounds& bounds, double cutoff, int64_t starts, Expansion& found) {
-    const auto systems = scores.configurations.size();
-    vector<Entry> entries;
+// Create an entry for each joint configuration at the window's begin.
+vector<Entry> enter(const Scores& scores, int64_t starts, Expansion& found) {
+    vector<Entry> entries(starts);
     for (int64_t number : range(starts)) {
         const NewIntegers start = start_of(number, scores.configurations);
-        Entry entry;
-        double by_own = bounds.rest_fit(0, 0);
-        for (int64_t s : range(systems)) {
-            entry.state.configuration[s] = start[s];
+        Entry& entry = entries[number];
+        copy(start, entry.state.configuration.begin());
+        for (int64_t s : range(start.size())) {
             entry.mean[s] = scores.law_mean(s, start[s]), entry.variance[s] = scores.law_variance(s, start[s]);
-            by_own += bounds.own(s, start[s], 0, 0);
         }
-        if (!(min(bounds.rest(0, 0), by_own) >= cutoff)) continue;
-        entry.score = 0.0;
-        entry.node = found.tree.size();
-        entries.push_back(entry);
+        entry.node = number;
         found.tree.push_back({-1, number});
     }
     return entries;
@@ -398,7 +346,7 @@ void list_offers(
     vector<Offer>& offers) {
     const auto systems = scores.configurations.size(), actions = scores.actions.shape[0];
     const double unattributed = scores.unattributed + size_term(scores, k, 0.0, scores.unattributed_variance);
-    const double rest = bounds.rest(k, k), rest_fit = bounds.rest_fit(k, k);
+    const double rest = bounds.rest(k, k);
     vector<Weighed> steps(systems * STEPS);
     offers.clear();
     for (int64_t at : range(entries.size())) {
@@ -413,8 +361,8 @@ void list_offers(
             }
         };
         const double fit = scores.fit(last, k);
-        offer(REJECT, entry.score, min(bounds.rest(last, k), bounds.rest_fit(last, k) + by_own));
-        offer(NO_SYSTEM, entry.score + (fit + unattributed), min(rest, rest_fit + by_own));
+        offer(REJECT, entry.score, bounds.rest(last, k) + by_own);
+        offer(NO_SYSTEM, entry.score + (fit + unattributed), rest + by_own);
         weigh_steps(scores, bounds, entry, k, steps.data());
         for (int64_t a : range(NO_SYSTEM + 1, actions)) {
             const int64_t* action = &scores.actions(a, 0);
@@ -425,7 +373,7 @@ void list_offers(
             if ((!two || action[1] % 2 == action[3] % 2) && !scores.signs(k - 1, action[1] % 2)) continue;
             const double score = entry.score + (fit + one.law) + other.law, own = by_own + one.own + other.own;
             const double size = size_term(scores, k, one.mean + other.mean, one.variance + other.variance);
-            offer(a, score + size, min(rest, rest_fit + own));
+            offer(a, score + size, rest + own);
         }
     }
 }
@@ -464,11 +412,11 @@ void merge(
 
 // Update the friction of each system by an action at candidate k: the law's mean and variance of the new friction are
 // conditioned on the jump's size (a scalar Kalman step).
-void learn(const Scores& scores, const State& before, int64_t k, int64_t action, Entry& entry) {
+void learn(const Scores& scores, int64_t k, int64_t action, Entry& entry) {
     if (action == REJECT) return;
     double surprise = scores.size[k - 1], total = scores.size_variance[k - 1];
     each_step(scores.actions, action, [&](int64_t s, int64_t number) {
-        const Step step = step_from(before.configuration[s], number);
+        const Step step = step_from(entry.state.configuration[s], number);
         double &mean = entry.mean[s], &variance = entry.variance[s];
         surprise += step.skipped == 0 ? mean : scores.law_mean(s, step.before);
         total += step.skipped == 0 ? variance : scores.law_variance(s, step.before);
@@ -493,7 +441,7 @@ Expansion expand(const Scores& scores, const Bounds& bounds, double cutoff, int6
     for (auto configurations : scores.configurations) starts *= configurations;
     const auto room = static_cast<size_t>(max(budget, starts));
     Expansion found;
-    vector<Entry> entries = enter(scores, bounds, cutoff, starts, found), following;
+    vector<Entry> entries = enter(scores, starts, found), following;
     vector<Offer> offers;
     vector<Merged> merged;
     for (int64_t k : range(1, candidates + 1)) {
@@ -513,13 +461,12 @@ Expansion expand(const Scores& scores, const Bounds& bounds, double cutoff, int6
         for (const Merged& one : merged) {
             for (size_t rank : range(one.kept)) {
                 const Offer& offer = offers[one.best[rank]];
-                const Entry& before = entries[offer.entry];
-                Entry& entry = following.emplace_back(before);
-                learn(scores, before.state, k, offer.action, entry);
+                Entry& entry = following.emplace_back(entries[offer.entry]);
+                learn(scores, k, offer.action, entry);
+                found.tree.push_back({entry.node, offer.action});
                 entry.state = one.state;
                 entry.score = offer.score;
-                entry.node = found.tree.size();
-                found.tree.push_back({before.node, offer.action});
+                entry.node = found.tree.size() - 1;
             }
         }
         swap(entries, following);
@@ -627,12 +574,14 @@ Found search_once(
 // values the budget of the full search may cut every path; then the path of the narrow beam is returned.
 tuple<NewFloats, IndexTable, IndexTable, int64_t, bool> find_paths(
     const Scores& scores, int64_t paths, double margin, int64_t budget) {
-    auto [bounds, worth] = free_bounds(scores);
-    Found quick = search_once(scores, bounds, -INFINITY, min(paths, budget), 1, 1);
+    const Worth worth = worth_of(scores);
+    const auto [systems, configurations, nodes] = scores.stay.shape;
+    const Bounds free{best_rest(scores.fit, worth.with_law), Table<double, 4>({systems, configurations, nodes, nodes})};
+    Found quick = search_once(scores, free, -INFINITY, min(paths, budget), 1, 1);
     if (quick.score.empty()) return {};  // nothing is possible
-    set_prices(scores, worth, quick.start.row(0), quick.taken.row(0), bounds);
+    const Bounds priced = priced_bounds(scores, worth, quick.start.row(0), quick.taken.row(0));
     const double cutoff = quick.score[0] - (margin + ROUNDING);
-    Found full = search_once(scores, bounds, cutoff, budget, paths > 1 ? MOST_KEPT : 1, paths);
+    Found full = search_once(scores, priced, cutoff, budget, paths > 1 ? MOST_KEPT : 1, paths);
     const bool none = full.score.empty(), pruned = none || full.lost > full.score[0];
     Found& best = none ? quick : full;
     return {best.score, best.start, best.taken, quick.states + full.states, pruned};

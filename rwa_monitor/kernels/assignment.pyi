@@ -17,7 +17,19 @@ def fit_table(pairs: FloatArray, slope: float, variance: float, level_range: flo
     """Return the log-likelihood of one level, of a flat prior, between all pairs of nodes: float64 (m + 2, m + 2)."""
 
 def refine_nodes(nodes: IntArray, reach: IntArray, slope: float, variance: float, sums: SumArrays) -> IntArray:
-    """See `estimation.refine`; `nodes` are the positions with both ends of the window."""
+    """Move each changepoint to the slot near it that splits its two neighbouring intervals best.
+
+    Parameters
+    ----------
+    nodes
+        int64 (m + 2,), positions, strictly increasing, with both ends of the window.
+    reach
+        int64 (m,), how far each may move [slots]; never beyond half way to a neighbour, so that no two meet.
+    slope, variance
+        Shared slope and variance of the noise.
+    sums
+        Running sums of the window.
+    """
 
 def find_paths(
     scores: Scores, paths: int, margin: float, budget: int

@@ -1,4 +1,3 @@
-from rwa_monitor.changepoints.evidence import Threshold
 from rwa_monitor.changepoints.running_sums import SumArrays
 from rwa_monitor.samples import FloatArray, IntArray
 
@@ -20,7 +19,7 @@ def choose(
     peak_statistic: FloatArray,
     slots: int,
     sums: SumArrays,
-    threshold: Threshold,
+    threshold: tuple[FloatArray, float, float],
     correlation: float,
     variance: float,
     prior_mean: float,
@@ -35,7 +34,8 @@ def choose(
     slots, sums
         Length of the window, and its running sums over all slots.
     threshold
-        Thresholds of a jump.
+        What a jump must exceed: float64 (MAX_SCALE + 1,), see `evidence.variance_table`; χ² threshold of the normalised
+        statistic; see `noise.largest_outlier`.
     correlation
         φ of AR(1) noise, see `ar_coefficient`; 0 where the noise is not AR(1).
     variance, prior_mean, prior_std

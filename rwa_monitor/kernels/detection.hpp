@@ -15,8 +15,8 @@ constexpr int64_t STRIDE = 16;  // slots from one checkpoint to the next
 
 struct SumArrays {
     Matrix<double> checkpoints;
-    Floats x, z;
-    Flags used;
+    Vector<double> x, z;
+    Vector<bool> used;
     Vector<double> centre;
     FIELDS(checkpoints, x, z, used, centre)
 };

@@ -68,15 +68,15 @@ VECTORISED void mark_used(
     }
 }
 
-// Viscous friction is proportional to `x`: |ω|/unit, the same array as `motion`, or a separate array.
+// Viscous friction is proportional to the sums' `x`: |ω|/unit, the same array as `motion`, or a separate array.
 struct WindowArrays {
-    Vector<double> motion, x, z;
-    Vector<bool> good, used;
+    Vector<double> motion;
+    Vector<bool> good;
     SumArrays sums;
     Vector<double> running;
     Matrix<double> block_sums, block_pairs;  // see `block_differences`
     StructureArrays structure;
-    FIELDS(motion, x, z, good, used, sums, running, block_sums, block_pairs, structure)
+    FIELDS(motion, good, sums, running, block_sums, block_pairs, structure)
 };
 
 struct WindowSettings {
@@ -97,7 +97,7 @@ struct Window {
 
     // Estimate from the first chunk, the slots [0, stop): the speed above which its sign is certain, the dead band,
     // which samples are used, and the weight of the slope's prior.
-    void learn_first(int64_t stop, int64_t filled) {
+    void learn_first(int64_t stop) {
         const double normal_median = sqrt(CHI_MEDIAN);  // of |N(0, 1)|
         NewFloats speeds, levels;
         for (int64_t k : range(stop)) {
@@ -106,13 +106,13 @@ struct Window {
         // The second difference of a smooth speed is noise of √6 times its standard deviation.
         certain = SPEED_NOISES * median_size(differences(differences(speeds))) / (normal_median * sqrt(6.0));
         band = isnan(by.dead_band) ? certain : by.dead_band;
-        mark_used(a.motion.data, a.good.data, band, 0, stop, filled, a.used.data);
+        mark_used(a.motion.data, a.good.data, band, 0, stop, filled, a.sums.used.data);
         weight = SMALLEST_WEIGHT;
         if (isnan(by.prior_std)) return;
         double std = by.start_std;
         if (isnan(std)) {
             for (int64_t k : range(stop)) {
-                if (a.used[k]) levels.push_back(a.z[k] - by.prior_mean * a.x[k]);
+                if (a.sums.used[k]) levels.push_back(a.sums.z[k] - by.prior_mean * a.sums.x[k]);
             }
             std = median_size(differences(levels)) / (normal_median * sqrt(2.0));
         }
@@ -133,26 +133,26 @@ struct Window {
         }
     }
 
-    // The noise of the slots [0, done).
-    Noise noise(int64_t done) const {
+    // The noise of the slots seen.
+    Noise noise() const {
         const int64_t blocks = blocks_before(done);
         return learn_noise(
             {a.block_sums.data, {blocks, LAGS}}, {a.block_pairs.data, {blocks, LAGS}}, detector.histogram, detector.scales,
             by.start_std * by.start_std, by.jump_share);
     }
 
-    // Add new slots to the window, which holds `filled`, and detect from `done` on up to the last complete block.
-    // `viscous_speed` is empty where viscous friction is proportional to the speed itself. Returns the number of good
-    // slots, the end of the detection, the number of jumps reported, and whether it ended early: the noise is
-    // heavy-tailed, and `set_outlier` must replace the Gaussian thresholds (only Python has Student's t).
-    tuple<int64_t, int64_t, int64_t, bool> gather(
-        Floats speed, Floats torque, Flags good, Floats viscous_speed, int64_t filled, int64_t done, bool last) {
+    // Add new slots to the window, and detect up to the last complete block. `viscous_speed` is empty where viscous
+    // friction is proportional to the speed itself. Returns the number of good slots, the number of jumps reported, and
+    // whether the detection ended early: the noise is heavy-tailed, and `set_outlier` must replace the Gaussian
+    // thresholds (only Python has Student's t).
+    tuple<int64_t, int64_t, bool> gather(
+        Floats speed, Floats torque, Flags good, Floats viscous_speed, bool last) {
         const int64_t n = speed.size();
         const int64_t count = normalise(
             speed.data, torque.data, good.data, n, by.speed_unit, by.torque_unit, a.motion.data + filled,
-            a.z.data + filled, a.good.data + filled);
+            a.sums.z.data + filled, a.good.data + filled);
         for (int64_t k : range(viscous_speed.size())) {
-            a.x[filled + k] = a.good[filled + k] ? abs(viscous_speed[k]) / by.speed_unit : 0.0;
+            a.sums.x[filled + k] = a.good[filled + k] ? abs(viscous_speed[k]) / by.speed_unit : 0.0;
         }
 #ifndef RWA_ONBOARD  // not used before the window's close
         count_signs(filled, speed, a.good.slice(filled, filled + n), a.structure.signs, a.structure.counts);
@@ -160,9 +160,9 @@ struct Window {
         filled += n;
         reported = {};
         // A slot is judged by its neighbours; the last one of a full window has only one.
-        const int64_t known = filled == a.x.size() ? filled : max<int64_t>(filled - 1, 0);
-        const bool heavy = detect_until(last ? filled : known - known % BLOCK, done, filled, last);
-        return {count, done, std::get<0>(reported).size(), heavy};
+        const int64_t known = filled == a.sums.x.size() ? filled : max<int64_t>(filled - 1, 0);
+        const bool heavy = detect_until(last ? filled : known - known % BLOCK, last);
+        return {count, std::get<0>(reported).size(), heavy};
     }
 
     // Number of the noise's blocks that end by `slot`.
@@ -170,26 +170,26 @@ struct Window {
         return pieces_before(slot, BLOCK + LAGS, by.block_hop);
     }
 
-    // Detect from `done` on until the noise turns out to be heavy-tailed; returns whether it did.
-    bool detect_until(int64_t ready, int64_t& done, int64_t filled, bool last) {
+    // Detect until the noise turns out to be heavy-tailed; returns whether it did.
+    bool detect_until(int64_t ready, bool last) {
         if (isnan(std::get<0>(quantiles))) {
             if (ready < CHUNK && !last) return false;
-            learn_first(min(ready, CHUNK), filled);
+            learn_first(min(ready, CHUNK));
             // The first chunk is scanned twice: for the histogram alone, and with the thresholds from it.
             scan(0, min(ready, CHUNK), true);
-            if (refresh(0)) return true;
+            if (refresh()) return true;
         }
         while (done < ready) {
             int64_t change = CHUNK;  // variances, floors and slope change after 1, 2, 4, 8 … chunks
             while (change <= done) change *= 2;
             const int64_t stop = min(ready, change);
-            detect(done, stop, filled);
+            detect(done, stop);
             done = stop;
             report_confirmed();
             if (done == change && done > CHUNK) {
-                const bool heavy = refresh(done);
+                const bool heavy = refresh();
                 const auto doublings = std::countr_zero(static_cast<std::uint64_t>(done / CHUNK));
-                if (doublings % 2 == 1 && a.running[0] >= CHUNK) learn_slope(done);
+                if (doublings % 2 == 1 && a.running[0] >= CHUNK) learn_slope();
                 if (heavy) return true;
             }
         }
@@ -197,29 +197,30 @@ struct Window {
     }
 
     void scan(int64_t start, int64_t stop, bool counting) {
-        detector.scan(a.x, a.z, a.used, start, stop, counting, {weight, slope, variances, floors, sure});
+        detector.scan(a.sums.x, a.sums.z, a.sums.used, start, stop, counting, {weight, slope, variances, floors, sure});
     }
 
     // Detect in the slots [start, stop) and add them to all sums.
-    void detect(int64_t start, int64_t stop, int64_t filled) {
+    void detect(int64_t start, int64_t stop) {
         if (start >= CHUNK) {
-            mark_used(a.motion.data, a.good.data, band, start, stop, filled, a.used.data);
+            mark_used(a.motion.data, a.good.data, band, start, stop, filled, a.sums.used.data);
         }
         scan(start, stop, start >= CHUNK);
         extend_sums(a.sums, a.running, start, stop);
 #ifndef RWA_ONBOARD
         extend_structure(
-            a.motion, a.x, a.z, a.good, a.used, start, stop, certain, by.angle_per_x, by.stretch_hop, a.structure);
+            a.motion, a.sums.x, a.sums.z, a.good, a.sums.used, start, stop, certain, by.angle_per_x, by.stretch_hop,
+            a.structure);
 #endif
         block_differences(
-            a.x, a.z, a.used, blocks_before(start), blocks_before(stop), by.block_hop, slope, weight,
+            a.sums.x, a.sums.z, a.sums.used, blocks_before(start), blocks_before(stop), by.block_hop, slope, weight,
             a.block_sums, a.block_pairs);
     }
 
     // Update the variance of each scale, and the statistics of kept and sure peaks. Returns whether the noise is
     // heavy-tailed.
-    bool refresh(int64_t done) {
-        tie(std::ignore, std::ignore, variances, quantiles) = noise(done);
+    bool refresh() {
+        tie(std::ignore, std::ignore, variances, quantiles) = noise();
         const double variance = variances[0];
         const double std = isfinite(variance) ? sqrt(variance) : 0.0;
         set_outlier(by.outlier * std, by.sure_outlier * std);
@@ -227,14 +228,14 @@ struct Window {
     }
 
     // Centre the slope's prior on the estimate from the window so far, from the next slot on.
-    void learn_slope(int64_t slots) {
+    void learn_slope() {
         double variance = 0.0;
         for (double known : variances) variance = max(variance, known);  // NaN is never the larger
         if (variance == 0.0) return;
         vector<Peak> peaks = detector.above(CERTAIN_STATISTIC, variances);
         sort_in_turn(peaks);
         const NewIntegers index = kept_apart(peaks), exclude(index.size(), BLOCK / 4);
-        const auto [now, error] = slope_within(slots, index, exclude, a.sums, variance, by.prior_mean, by.prior_std);
+        const auto [now, error] = slope_within(done, index, exclude, a.sums, variance, by.prior_mean, by.prior_std);
         if (!isfinite(error)) return;
         const double spread = max({error, SMALLEST_SLOPE_SPREAD * abs(now), SMALLEST_STD});
         slope = now;
@@ -269,6 +270,7 @@ struct Window {
 
     WindowArrays a;
     WindowSettings by;
+    int64_t filled = 0, done = 0;      // slots that the window holds, and that detection has seen
     double slope, weight = NAN;         // of the slope's prior
     double band = NAN, certain = NAN;  // dead band, and the speed above which its sign is certain
     Detector detector;
@@ -290,6 +292,8 @@ const Stage stage_evidence("evidence", [](nanobind::module_& module) {
         .def("peaks_above", [](const Window& window, double threshold, Floats variances) {
             return columns_of(window.detector.above(threshold, variances));
         })
+        .def_rw("filled", &Window::filled)
+        .def_ro("done", &Window::done)
         .def_prop_ro("variances", [](const Window& window) { return window.variances; })
         .def_prop_ro("quantiles", [](const Window& window) { return window.quantiles; })
         .def_prop_ro("reported", [](const Window& window) { return window.reported; });

@@ -8,21 +8,10 @@ KEPT_STATISTIC: Final[float]
 SMALLEST_WEIGHT: Final[float]
 SPEED_NOISES: Final[float]
 
-# motion, x, z, good, used, (slots,): the samples, normalised, |ω| first (the same array as x where viscous friction is
-# proportional to it); which are good, and which of those are used. Running sums, see `RunningSums`; sums and pairs of
-# the noise's blocks, see `kernels.noise.block_differences`; structure.
-_WindowArrays = tuple[
-    FloatArray,
-    FloatArray,
-    FloatArray,
-    BoolArray,
-    BoolArray,
-    SumArrays,
-    FloatArray,
-    FloatArray,
-    FloatArray,
-    StructureSums,
-]
+# motion, good, (slots,): |ω|, normalised, the same array as x of the sums where viscous friction is proportional to it;
+# and which samples are good. Running sums, see `RunningSums`; sums and pairs of the noise's blocks, see
+# `kernels.noise.block_differences`; structure.
+_WindowArrays = tuple[FloatArray, BoolArray, SumArrays, FloatArray, FloatArray, FloatArray, StructureSums]
 
 class Window:
     """A window: arrays that are filled in place, and must not be replaced while it is in use, and its own estimates.
@@ -36,6 +25,8 @@ class Window:
 
     Attributes
     ----------
+    filled, done
+        Slots that the window holds, and that detection has seen.
     variances
         float64 (S,), of the contrast of each scale; NaN where it is not known.
     quantiles
@@ -45,6 +36,8 @@ class Window:
         deviations, and the normalised statistics.
     """
 
+    filled: int
+    done: int
     variances: FloatArray
     quantiles: tuple[float, float, float]
     reported: tuple[IntArray, FloatArray, FloatArray, FloatArray]
@@ -56,10 +49,8 @@ class Window:
         torque: FloatArray,
         good: BoolArray,
         viscous_speed: FloatArray,
-        filled: int,
-        done: int,
         last: bool,
-    ) -> tuple[int, int, int, bool]:
+    ) -> tuple[int, int, bool]:
         """Add new slots to the window, and run the detection up to the last complete block.
 
         Parameters
@@ -68,24 +59,22 @@ class Window:
             (n,), the new slots as measured.
         viscous_speed
             (n,), to which viscous friction is proportional; empty where that is the speed.
-        filled, done
-            Slots that the window holds, and slots already scanned.
         last
             Whether no slot will follow: otherwise the last ones wait until a block is full, the first until a chunk
             is.
 
         Returns
         -------
-        tuple[int, int, int, bool]
-            Number of good new slots, end of the detection, number of jumps reported, and whether it ended early
-            because the noise is heavy-tailed: then call `set_outlier`, and this again without new slots.
+        tuple[int, int, bool]
+            Number of good new slots, number of jumps reported, and whether the detection ended early because the noise
+            is heavy-tailed: then call `set_outlier`, and this again without new slots.
         """
 
     def set_outlier(self, outlier: float, sure_outlier: float) -> None:
         """Set the largest outliers by chance, for keeping peaks and for reporting jumps at once; normalised."""
 
-    def noise(self, done: int) -> tuple[FloatArray, FloatArray, FloatArray, tuple[float, float, float]]:
-        """Return the noise of the slots [0, done).
+    def noise(self) -> tuple[FloatArray, FloatArray, FloatArray, tuple[float, float, float]]:
+        """Return the noise of the slots that detection has seen.
 
         Levels and counts as from `kernels.noise.quiet_levels`, float64 (LAGS,); the variance of each scale's contrast,
         float64 (S,); the quantiles of the narrowest scale's statistic.

@@ -35,27 +35,21 @@ double lean(double measured, double borrowed, double independent) {
 // v from the mean of the lowest three quarters of `total` statistics. A first estimate gives how many lie beyond
 // JUMPED v; those in excess of the noise's share are jumps, and the three quarters are taken of the others.
 double trimmed_variance(Integers counts, int64_t total) {
-    // Counts, and sum of the statistics, of all bins below each one, as far as three quarters of all.
-    array<double, BINS> before{}, weight_before{};
-    double seen = 0.0, weighted = 0.0, jumped = 0.0, variance = 0.0;
-    int64_t place = -1;
-    while (counts[place + 1] == 0) ++place;  // half of all bins, as a rule
-    while (seen < KEPT * total) {
-        ++place;
-        before[place] = seen;
-        weight_before[place] = weighted;
-        seen += counts[place];
-        weighted += counts[place] * middle_of(place);
-    }
+    double jumped = 0.0, variance = 0.0;
+    int64_t first = 0;
+    while (counts[first] == 0) ++first;  // half of all bins, as a rule
     for (int round = 0; round < 4; ++round) {
         const double kept = KEPT * (1.0 - jumped) * total;
-        while (before[place] >= kept) --place;
+        double seen = 0.0, weighted = 0.0;  // in all bins below `end`
+        int64_t end = first;
+        for (; seen + counts[end] < kept; ++end) {
+            seen += counts[end];
+            weighted += counts[end] * middle_of(end);
+        }
         // Counts are taken as uniform within a bin.
-        const double rest = kept - before[place];
-        weighted = weight_before[place] + rest * (bin_edges[place] + 0.5 * rest / counts[place] * width_of(place));
+        const double rest = kept - seen;
+        weighted += rest * (bin_edges[end] + 0.5 * rest / counts[end] * width_of(end));
         variance = weighted / kept / KEPT_MEAN;
-        seen = before[place];
-        int64_t end = place;
         for (; end < BINS && bin_edges[end + 1] <= JUMPED * variance; ++end) seen += counts[end];
         if (end < BINS) seen += counts[end] * max(JUMPED * variance - bin_edges[end], 0.0) / width_of(end);
         const double last = jumped;

@@ -93,8 +93,12 @@ def assign(
     tables = [_tables(system, index) for system in wheel.fss]
     choices, start, score, states, pruned = _programme(tables, directions, rejection)
     if choices is None and not hard:
-        # A missed jump makes every sequence impossible under hard laws; then impossible durations get a penalty.
-        tables = [_softened(table) for table in tables]
+        # A missed jump makes every sequence impossible under hard laws; then impossible durations get a penalty, but
+        # impossible transitions stay impossible.
+        tables = [
+            table._replace(ends=np.maximum(table.ends, LOG_IMPOSSIBLE), lasts=np.maximum(table.lasts, LOG_IMPOSSIBLE))
+            for table in tables
+        ]
         choices, start, score, more, pruned = _programme(tables, directions, rejection)
         states += more
     system = np.array(choices, dtype=np.int64) if choices is not None else np.full(index.size, UNATTRIBUTED)
@@ -117,11 +121,6 @@ def assign(
         pruned=pruned,
     )
     return assignment, remaining
-
-
-def _softened(tables: _Tables) -> _Tables:
-    """Return a system's tables with a penalty for impossible durations; impossible transitions stay impossible."""
-    return _Tables(np.maximum(tables.ends, LOG_IMPOSSIBLE), np.maximum(tables.lasts, LOG_IMPOSSIBLE), tables.turn)
 
 
 def _programme(

@@ -37,10 +37,8 @@ from rwa_monitor.changepoints.estimation import (
     level_scatter,
     measure_level,
     possible_signs,
-    reach_of,
-    refine,
-    typical_jump,
 )
+from rwa_monitor.changepoints.noise import median_size
 from rwa_monitor.changepoints.stage_results import (
     REJECTED,
     UNATTRIBUTED,
@@ -50,7 +48,7 @@ from rwa_monitor.changepoints.stage_results import (
     Evidence,
     SwitchingPath,
 )
-from rwa_monitor.kernels.assignment import REJECT, STEPS, find_paths, fit_table, weigh
+from rwa_monitor.kernels.assignment import REJECT, STEPS, find_paths, fit_table, refine_nodes, weigh
 from rwa_monitor.samples import BoolArray, FloatArray, IntArray
 from rwa_monitor.switching.carried_state import CarriedState
 from rwa_monitor.switching.duration_likelihoods import Onset, onsets, tabulated_durations
@@ -61,6 +59,7 @@ KEPT_PATHS: Final = 16  # paths ranked by the full likelihood
 MARGIN: Final = 10.0  # log-likelihood below the best at which an assignment is negligible (e^-10 < 1e-4)
 BUDGET: Final = 2000  # extensions kept per candidate
 MAX_ROUNDS: Final = 4
+REACH: Final = (4, 32)  # by how many slots a position is refined at least and at most
 SETTLED: Final = 0.1  # change of the log-likelihood by the slope below which the iteration has converged
 SAME_JUMP: Final = 5  # slots: attributions of positions closer than this are the same
 
@@ -214,7 +213,7 @@ def _halves(best: _Ranked, level: Level, variance: float) -> tuple[IntArray, flo
 
 def window_priors(evidence: Evidence, wheel: Wheel, carried: CarriedState | None = None) -> Priors:
     """Return the priors of a window; its own level and jump sizes set the scale where the wheel file states none."""
-    return priors_of(wheel, carried, evidence.sums.mean[1], typical_jump(evidence.candidates.jump))
+    return priors_of(wheel, carried, evidence.sums.mean[1], median_size(evidence.candidates.jump))
 
 
 def _measure(inputs: _Inputs, index: IntArray, accepted: IntArray) -> Level:
@@ -224,10 +223,14 @@ def _measure(inputs: _Inputs, index: IntArray, accepted: IntArray) -> Level:
 
 
 def _refined(inputs: _Inputs, level: Level, accepted: IntArray) -> IntArray:
-    """Return the positions of all candidates, those of the accepted ones refined between accepted neighbours."""
-    reach = reach_of(inputs.evidence.candidates)[accepted]
-    moved = level.at.copy()
-    moved[accepted] = refine(inputs.evidence.sums, level.at[accepted], reach, level.slope, inputs.variance)
+    """Return the positions of all candidates, those of the accepted ones refined between accepted neighbours.
+
+    A position may be off by half the half-width w that found it.
+    """
+    sums, moved = inputs.evidence.sums, level.at.copy()
+    reach = np.clip(inputs.evidence.candidates.scale[accepted] // 2, *REACH)
+    nodes = np.concatenate(([0], level.at[accepted], [sums.slots]))
+    moved[accepted] = refine_nodes(nodes, reach, level.slope, inputs.variance, sums.arrays)
     return moved
 
 

@@ -172,7 +172,22 @@ def next_systems(
     learn
         Whether the window itself identifies the base dry friction; else the systems' friction is not learned from it.
     """
-    return tuple(_next_system(carried, wheel, s, assignment, components, learn=learn) for s in range(len(wheel.fss)))
+    hop, found = wheel.window.hop_slots, []
+    sojourns = zip(wheel.fss, assignment.configurations, assignment.starts, components.fss_friction, strict=True)
+    for system, configurations, starts, friction in sojourns:
+        before = carried.system(system.name)
+        remembered = before.friction if before and before.friction else (None,) * system.configurations
+        learned = friction if learn else np.full(configurations.size, np.nan)
+        memories = tuple(_remember(remembered[q], configurations, learned, q) for q in range(system.configurations))
+        configuration = age = None
+        if hop <= wheel.window.samples:
+            # The next window begins `hop` slots after this one: where windows overlap, the state at that slot counts.
+            current = int(np.searchsorted(starts, hop, side="right")) - 1
+            configuration, age = int(configurations[current]), hop - int(starts[current])
+            if current == 0 and before and before.age is not None and before.configuration == configuration:
+                age += before.age
+        found.append(SystemState(name=system.name, configuration=configuration, age=age, friction=memories))
+    return tuple(found)
 
 
 def rate_after_change(probability: float, rate: float) -> float:
@@ -203,27 +218,6 @@ def follow(before: Tracked | None, value: float, std: float, *, known: bool) -> 
         std=math.sqrt(max(1.0 - gain, 0.0)) * drifted.std,
         windows=drifted.windows + 1,
     )
-
-
-def _next_system(
-    carried: CarriedState, wheel: Wheel, s: int, assignment: Assignment, components: Components, *, learn: bool
-) -> SystemState:
-    system = wheel.fss[s]
-    before = carried.system(system.name)
-    configurations, starts = assignment.configurations[s], assignment.starts[s]
-    remembered = before.friction if before and before.friction else (None,) * system.configurations
-    friction = components.fss_friction[s] if learn else np.full(configurations.size, np.nan)
-    memories = tuple(_remember(remembered[q], configurations, friction, q) for q in range(system.configurations))
-    hop = wheel.window.hop_slots
-    if configurations.size == 0 or hop > wheel.window.samples:
-        return SystemState(name=system.name, friction=memories)
-    # The next window begins `hop` slots after this one: where windows overlap, the state at that slot counts.
-    current = int(np.searchsorted(starts, hop, side="right")) - 1
-    current = max(current, 0)
-    age = hop - int(starts[current])
-    if current == 0 and before and before.age is not None and before.configuration == int(configurations[0]):
-        age += before.age
-    return SystemState(name=system.name, configuration=int(configurations[current]), age=age, friction=memories)
 
 
 def _remember(

@@ -15,7 +15,8 @@ from typing import Final
 
 import numpy as np
 
-from rwa_monitor.changepoints.estimation import effective_variance, level_scatter, typical_jump
+from rwa_monitor.changepoints.estimation import effective_variance, level_scatter
+from rwa_monitor.changepoints.noise import median_size
 from rwa_monitor.changepoints.stage_results import (
     REJECTED,
     UNATTRIBUTED,
@@ -65,7 +66,7 @@ def split(
     jumps = estimate.index
     seen = estimate.level[np.isfinite(estimate.level)]
     level = float(seen.sum()) / seen.size if seen.size else 0.0
-    priors = priors_of(wheel, carried, level, typical_jump(assignment.jump[assignment.system != REJECTED]))
+    priors = priors_of(wheel, carried, level, median_size(assignment.jump[assignment.system != REJECTED]))
     estimate_by = partial(_estimate, evidence, priors, effective_variance(evidence.noise))
 
     paths = _shifted(path, wheel)

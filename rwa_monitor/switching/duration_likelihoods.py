@@ -81,14 +81,14 @@ def broad_pmf(slots: FloatArray, mean: Number) -> FloatArray:
 
 def onsets(systems: tuple[SwitchingSystem, ...], carried: CarriedState | None) -> tuple[Onset | None, ...]:
     """Return for each system its first sojourn as known from earlier windows, or None."""
-    found: list[Onset | None] = []
-    for system in systems:
+
+    def onset(system: SwitchingSystem) -> Onset | None:
         known = carried.system(system.name) if carried else None
         if known is None or known.configuration is None or known.configuration >= system.configurations:
-            found.append(None)
-        else:
-            found.append(Onset(known.configuration, known.age or 0))
-    return tuple(found)
+            return None
+        return Onset(known.configuration, known.age or 0)
+
+    return tuple(map(onset, systems))
 
 
 def tabulated_durations(

@@ -6,13 +6,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import signal
 
-from rwa_monitor.changepoints.evidence import Threshold, peaks_behind_gaps, variance_table
+from rwa_monitor.changepoints.evidence import peaks_behind_gaps, variance_table
 from rwa_monitor.changepoints.running_sums import RunningSums
-from rwa_monitor.changepoints.stage_results import Candidates
 from rwa_monitor.kernels.changepoints import choose, contrast
 from rwa_monitor.kernels.running_sums import extend_sums
 from rwa_monitor.kernels.wglr import CHUNK, wglr
-from tests.switching.assignment_windows import sums_of
+from tests.switching.assignment_windows import record_of, sums_of
 
 SIGMA = 0.024  # the paper's noise, normalised
 
@@ -35,19 +34,11 @@ def _glr_by_least_squares(x, z, used, k, w, weight, slope):
     return without - with_jump, solution[1] - solution[0]
 
 
-def _record(seed, n=3000, share=1.0):
-    rng = np.random.default_rng(seed)
-    x = 1.0 + 0.4 * np.sin(np.arange(n) / rng.uniform(50, 500))
-    z = 1.0 + 1.2 * x + SIGMA * rng.standard_normal(n)
-    z[n // 2 :] += 0.4
-    return x, z, rng.random(n) < share
-
-
 @pytest.mark.parametrize("w", [1, 2, 4, 16, 50, 128])
 @pytest.mark.parametrize("share", [1.0, 0.8])
 @pytest.mark.parametrize("weight", [1e-4, 1e-2, 10.0])
 def test_statistic_is_the_papers_ratio(w, share, weight):
-    x, z, used = _record(w, share=share)
+    x, z, used = record_of(w, 3000, [(1500, 0.4)], share)
     statistic, jump = wglr(x, z, used, w, weight, 0.9)
     rng = np.random.default_rng(w)
     at = np.append(rng.integers(w, x.size - w, 40), [w, x.size - w, x.size // 2, CHUNK, CHUNK + w])
@@ -65,23 +56,12 @@ def test_statistic_is_the_papers_ratio(w, share, weight):
 
 def test_masked_and_full_branches_agree_to_the_last_bit():
     """One masked sample far away must not change what is computed elsewhere."""
-    x, z, used = _record(5)
+    x, z, used = record_of(5, 3000, [(1500, 0.4)])
     full, _ = wglr(x, z, used, 64, 1e-3, 1.0)
     used[-1] = False
     masked, _ = wglr(x, z, used, 64, 1e-3, 1.0)
     assert full[64:-200].tobytes() == masked[64:-200].tobytes()
     assert np.isfinite(full[64:-64]).all()
-
-
-def _window(z, used=None):
-    return sums_of(np.ones(z.size), z, used)
-
-
-def _select(peaks, sums, table, threshold, outlier=0.0, correlation=0.0):
-    least = Threshold(table, threshold, outlier)
-    slope = (SIGMA**2, 0.0, 1.0)  # the speed is constant: the slope is that of its prior
-    tried = (peaks.index, peaks.scale, peaks.statistic)
-    return Candidates(*choose(*tried, sums.slots, sums.arrays, least, correlation, *slope))
 
 
 def test_in_coloured_noise_places_are_found_better_with_its_colour():
@@ -91,13 +71,12 @@ def test_in_coloured_noise_places_are_found_better_with_its_colour():
     noise = SIGMA * signal.lfilter([np.sqrt(1 - phi**2)], [1, -phi], rng.standard_normal(n))
     jumps = np.arange(every, n, every)
     z = noise + np.cumsum(np.isin(np.arange(n), jumps) * rng.choice([-3.5, 3.5], n)) * SIGMA
-    sums = _window(z)
-    peaks = Candidates(jumps + 3, np.full(jumps.size, 32), np.full(jumps.size, 100.0), np.ones(jumps.size))
-    table = variance_table(np.array([1, 32]), np.array([0.5, 2.8]) * SIGMA**2)
-    exact = [
-        np.isin(jumps, _select(peaks, sums, table, 20.0, correlation=correlation).index).sum()
-        for correlation in (0.0, phi)
-    ]
+    sums = sums_of(np.ones(n), z)
+    peaks = jumps + 3, np.full(jumps.size, 32), np.full(jumps.size, 100.0)
+    threshold = variance_table(np.array([1, 32]), np.array([0.5, 2.8]) * SIGMA**2), 20.0, 0.0
+    slope = SIGMA**2, 0.0, 1.0  # the speed is constant: the slope is that of its prior
+    chosen = [choose(*peaks, n, sums.arrays, threshold, correlation, *slope)[0] for correlation in (0.0, phi)]
+    exact = [np.isin(jumps, index).sum() for index in chosen]
     # 119 jumps; the white likelihood places about 75 % of them exactly, the right one about 90 %.
     assert exact[1] >= exact[0] + 5
 
@@ -126,4 +105,4 @@ def test_a_gap_at_the_end_of_a_short_window_looks_at_no_slot_behind_it() -> None
     sums = RunningSums(np.ones(6_000), np.ones(6_000), used)
     extend_sums(sums.arrays, sums.running, 0, 4_000)
     sums.slots = 4_000  # what lies behind was never written: it may be anything
-    assert peaks_behind_gaps(sums).index.size == 0
+    assert peaks_behind_gaps(sums)[0].size == 0

@@ -11,7 +11,7 @@ from rwa_monitor.changepoints.estimation import (
 )
 from rwa_monitor.kernels.running_sums import slope_within
 from rwa_monitor.wheel.wheel import built_in_wheel
-from tests.switching.assignment_windows import NO_CANDIDATES, evidence_of, sums_of
+from tests.switching.assignment_windows import NO_CANDIDATES, evidence_of, record_of, sums_of
 
 SIGMA = 0.024  # the paper's noise, normalised
 
@@ -20,12 +20,8 @@ def _evidence(x, z, used=None):
     return evidence_of(x, z, NO_CANDIDATES, SIGMA, used)
 
 
-def _record(seed=1, n=2000, jumps=((600, 0.5), (1400, -0.3))):
-    rng = np.random.default_rng(seed)
-    x = 1.0 + 0.3 * np.sin(np.arange(n) / 150.0)
-    z = 1.0 + 1.1 * x + SIGMA * rng.standard_normal(n)
-    for index, size in jumps:
-        z[index:] += size
+def _record(n=2000, jumps=((600, 0.5), (1400, -0.3))):
+    x, z, _ = record_of(1, n, jumps)
     return x, z, np.array([index for index, _ in jumps], dtype=np.int64)
 
 

@@ -9,6 +9,7 @@ from rwa_monitor.changepoints.running_sums import RunningSums, Structure, Struct
 from rwa_monitor.kernels.running_sums import BLOCK, STRETCH, STRIDE, count_signs, extend_structure, extend_sums
 from rwa_monitor.samples import BoolArray, FloatArray
 from rwa_monitor.wheel.effects.torque_ripple import MAX_HARMONIC
+from tests.switching.assignment_windows import record_of
 
 
 def _sums(x, z, used, step=BLOCK):
@@ -22,28 +23,19 @@ def _sums(x, z, used, step=BLOCK):
 def _exact(x, z, used, start, stop):
     """Return the six moments of one range, each correctly rounded."""
     u, v = x[start:stop][used[start:stop]], z[start:stop][used[start:stop]]
-    return (
-        float(u.size),
-        math.fsum(u),
-        math.fsum(v),
-        math.fsum(u * u),
-        math.fsum(u * v),
-        math.fsum(v * v),
-    )
+    return tuple(math.fsum(terms) for terms in (np.ones(u.size), u, v, u * u, u * v, v * v))
 
 
-def _record(rng, n, offset=0.0, share=0.9):
-    x = 1.0 + 0.3 * np.sin(np.arange(n) / 200.0)
-    z = offset + x + 0.024 * rng.standard_normal(n)
-    return x, z, rng.random(n) < share
+def _record(seed, n, offset=0.0, share=0.9):
+    x, z, used = record_of(seed, n, share=share)
+    return x, z + offset, used
 
 
 @pytest.mark.parametrize("offset", [0.0, 1e3, -1e6])
 def test_moments_of_random_ranges_equal_exact_sums(offset):
-    rng = np.random.default_rng(1)
-    x, z, used = _record(rng, 5000, offset)
+    x, z, used = _record(1, 5000, offset)
     sums = _sums(x, z, used)
-    start, stop = np.sort(rng.integers(0, 5001, (2, 200)), axis=0)
+    start, stop = np.sort(np.random.default_rng(1).integers(0, 5001, (2, 200)), axis=0)
     moments = sums.between(start, stop)
     for i in range(200):
         expected = _exact(x, z, used, start[i], stop[i])
@@ -52,24 +44,21 @@ def test_moments_of_random_ranges_equal_exact_sums(offset):
 
 def test_variance_of_a_short_range_survives_a_large_offset():
     """The spread of 100 samples after 80,000 others, with an offset of 40,000 standard deviations."""
-    rng = np.random.default_rng(2)
-    x, z, used = _record(rng, 80_000, offset=1e3, share=1.0)
+    x, z, used = _record(2, 80_000, offset=1e3, share=1.0)
     [n], _, [sum_z], _, _, [zz] = _sums(x, z, used).between(np.array([79_900]), np.array([80_000]))
     assert zz - sum_z**2 / n == pytest.approx(100 * np.var(z[79_900:]), rel=1e-6)
 
 
 def test_a_wild_first_sample_does_not_become_the_centre():
-    rng = np.random.default_rng(3)
-    x, z, _ = _record(rng, 1000, share=1.0)
+    x, z, used = _record(3, 1000, share=1.0)
     z[0] = 1e4  # 400,000 standard deviations; beyond this a value is not taken as friction
-    sums = _sums(x, z, np.ones(1000, dtype=np.bool_))
+    sums = _sums(x, z, used)
     [n], _, [sum_z], _, _, [zz] = sums.between(np.array([500]), np.array([900]))
     assert zz - sum_z**2 / n == pytest.approx(400 * np.var(z[500:900]), rel=1e-6)
 
 
 def test_range_reads_at_most_one_stride_at_each_end():
-    rng = np.random.default_rng(4)
-    sums = _sums(*_record(rng, 5000))
+    sums = _sums(*_record(4, 5000))
     here, there = np.array([3]), np.array([4999])
     whole = sums.between(here, there)
     sums.arrays.x[STRIDE - 1 : 5000 - STRIDE + 1] = sums.arrays.z[STRIDE - 1 : 5000 - STRIDE + 1] = np.nan
@@ -77,8 +66,7 @@ def test_range_reads_at_most_one_stride_at_each_end():
 
 
 def test_empty_and_reversed_ranges_are_zero_and_shapes_are_kept():
-    rng = np.random.default_rng(5)
-    sums = _sums(*_record(rng, 100))
+    sums = _sums(*_record(5, 100))
     found = sums.between(np.array([[5, 9], [50, 0]]), np.array([[5, 3], [60, 100]]))
     assert found.shape == (6, 2, 2)
     assert not found[:, 0].any()
@@ -88,7 +76,7 @@ def test_empty_and_reversed_ranges_are_zero_and_shapes_are_kept():
 
 @pytest.mark.parametrize(("start", "stop"), [(-1, 5), (0, 101), (101, 101)])
 def test_a_range_beyond_the_window_is_refused(start, stop):
-    sums = _sums(*_record(np.random.default_rng(6), 100))
+    sums = _sums(*_record(6, 100))
     with pytest.raises(IndexError, match="100 slots"):
         sums.between(np.array([start]), np.array([stop]))
 
@@ -159,17 +147,13 @@ def test_a_dead_zone_is_distinguished_from_rest_and_from_a_lattice() -> None:
     assert count(noisy) == (0, 0)
     dead = np.where(np.abs(noisy) < 0.5 * BAND, 0.0, noisy)
     assert count(np.where(np.abs(slow) < 0.05, 0.0, dead) / 10.0) == (5, 5)  # x below a tenth of the nominal speed
-    fine = 0.005 * np.rint((0.1 * slow + 0.005 * rng.standard_normal(SLOTS)) / 0.005)
-    runs, plateaus = count(fine)  # a slow crossing reads zero by chance, too
-    assert runs > 0
-    assert plateaus == 0
-    runs, plateaus = count(0.02 * np.rint(slow / 0.02))  # a coarse tachometer
-    assert runs > 0
-    assert plateaus == 0
+    fine = 0.005 * np.rint((0.1 * slow + 0.005 * rng.standard_normal(SLOTS)) / 0.005)  # reads zero by chance, too
+    coarse = 0.02 * np.rint(slow / 0.02)
     rest = np.maximum(slow - 2.0, 0.0)  # stands still, then leaves in small steps
-    runs, plateaus = count(rest)
-    assert runs > 0
-    assert plateaus == 0
+    for speed in (fine, coarse, rest):
+        runs, plateaus = count(speed)
+        assert runs > 0
+        assert plateaus == 0
 
 
 def test_the_ripple_is_the_power_at_multiples_of_the_angle() -> None:

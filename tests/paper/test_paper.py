@@ -19,7 +19,7 @@ from rwa_monitor.wheel.wheel import built_in_wheel
 from tests.changepoints.test_evidence import _gather, _telemetry
 from tests.diagnosis.test_classification import MODEL, MODELS, NAMES, features
 from tests.diagnosis.test_training import labelled
-from tests.switching.assignment_windows import candidates_at, evidence_of, window
+from tests.switching.assignment_windows import evidence_at, record_of, window
 
 WHEEL = built_in_wheel()
 
@@ -64,13 +64,8 @@ NOISE = NoiseEstimate(SIGMA, np.array([SIGMA**2]), 1.0)
 INDEX = np.array([700, 760, 1900])
 
 
-def _signal(seed: int = 3, share: float = 1.0) -> Signal:
-    rng = np.random.default_rng(seed)
-    x = 0.6 + 0.3 * np.sin(np.arange(3000) / 400.0)
-    z = 1.0 + 1.1 * x + SIGMA * rng.standard_normal(3000)
-    for k, jump in zip(INDEX.tolist(), (0.4, -0.4, 0.6), strict=True):
-        z[k:] += jump
-    return Signal(x, z, rng.random(3000) < share)
+def _signal(share: float = 1.0) -> Signal:
+    return Signal(*record_of(3, 3000, zip(INDEX.tolist(), (0.4, -0.4, 0.6), strict=True), share))
 
 
 @pytest.mark.parametrize("share", [1.0, 0.7])
@@ -150,9 +145,7 @@ def assigned(evidence: Evidence, **options: bool) -> tuple[Assignment, Estimate]
 def test_rejects_a_false_candidate():
     rng = np.random.default_rng(51)
     made = window(WHEEL, rng, false_candidates=0.0, jitter=0)
-    slots = np.append(made.evidence.candidates.index, 5_000)
-    evidence = evidence_of(made.x, made.z, candidates_at(made.x, made.z, slots, 0.024, 1.0), 0.024)
-    assignment, levels = assigned(evidence)
+    assignment, levels = assigned(evidence_at(made.x, made.z, [*made.evidence.candidates.index, 5_000]))
     assert assignment.system[assignment.index == 5_000].tolist() == [REJECTED]
     assert 5_000 not in levels.index
 
@@ -161,16 +154,16 @@ def test_an_infeasible_window_pays_the_price():
     """Three steps up within 600 slots: no hard law allows them, so impossible durations get a price."""
     x = np.full(80_000, 0.5)
     z = 1.5 + 0.024 * np.random.default_rng(52).standard_normal(x.size)
-    slots = np.array([40_000, 40_300, 40_600])
+    slots = [40_000, 40_300, 40_600]
     for k in slots:
         z[k:] += 0.5
-    evidence = evidence_of(x, z, candidates_at(x, z, slots, 0.024, 1.0), 0.024)
+    evidence = evidence_at(x, z, slots)
     assignment, _ = assigned(evidence)
     assert assignment.log_score < LOG_IMPOSSIBLE
     assert (assignment.direction[assignment.system >= 0] == 1).all()
     printed, levels = assigned(evidence, hard=True)
     assert (printed.system == UNATTRIBUTED).all()
-    assert levels.index.tolist() == slots.tolist()
+    assert levels.index.tolist() == slots
 
 
 def test_algorithm_1_takes_the_minimum_for_rest():
@@ -202,10 +195,8 @@ def test_what_no_jump_is_known_by_is_stated_as_unknown():
 
 
 def test_a_window_without_candidates():
-    x = 0.5 + 0.3 * np.sin(np.arange(5_000) / 500.0)
-    z = 1.0 + x + 0.024 * np.random.default_rng(54).standard_normal(x.size)
-    evidence = evidence_of(x, z, candidates_at(x, z, np.zeros(0), 0.024, 1.0), 0.024)
-    assignment, levels = assigned(evidence)
+    x, z, _ = record_of(54, 5_000)
+    assignment, levels = assigned(evidence_at(x, z, []))
     assert assignment.index.size == 0
     assert split(assignment, levels, WHEEL).base_dry == pytest.approx(1.0, abs=0.01)
 

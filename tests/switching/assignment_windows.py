@@ -1,5 +1,6 @@
 """Quickly made windows for the tests of stage 3: level plus noise, with true and false candidates."""
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -7,7 +8,7 @@ import numpy as np
 from rwa_monitor.changepoints.running_sums import RunningSums, Structure
 from rwa_monitor.changepoints.stage_results import Candidates, Evidence, NoiseEstimate
 from rwa_monitor.kernels.running_sums import extend_sums
-from rwa_monitor.samples import FloatArray, IntArray
+from rwa_monitor.samples import BoolArray, FloatArray, IntArray
 from rwa_monitor.switching.assignment import Scores, action_table
 from rwa_monitor.switching.duration_likelihoods import tabulated_durations
 from rwa_monitor.wheel.durations import Geometric, Lognormal, Uniform
@@ -15,6 +16,7 @@ from rwa_monitor.wheel.effects.torque_ripple import MAX_HARMONIC
 from rwa_monitor.wheel.switching_systems import simulate_system
 from rwa_monitor.wheel.wheel import SwitchingSystem, Wheel
 
+STD = 0.024  # the paper's noise, normalised
 NO_CANDIDATES = Candidates(np.zeros(0, dtype=np.int64), np.zeros(0, dtype=np.int64), np.zeros(0), np.zeros(0))
 NO_STRUCTURE = Structure(np.zeros(0), np.zeros((4, 0)), np.zeros((0, 2 * MAX_HARMONIC)), zero_runs=0, plateaus=0)
 
@@ -25,6 +27,23 @@ def sums_of(x: FloatArray, z: FloatArray, used: np.ndarray | None = None) -> Run
     extend_sums(sums.arrays, sums.running, 0, x.size)
     sums.slots = x.size
     return sums
+
+
+def record_of(
+    seed: int, slots: int, jumps: Iterable[tuple[int, float]] = (), share: float = 1.0
+) -> tuple[FloatArray, FloatArray, BoolArray]:
+    """x, z and used: levels with jumps (slot, size), viscous friction and noise; a share of the samples is used."""
+    rng = np.random.default_rng(seed)
+    x = 1.0 + 0.3 * np.sin(np.arange(slots) / 150.0)
+    z = 1.0 + 1.1 * x + STD * rng.standard_normal(slots)
+    for slot, size in jumps:
+        z[slot:] += size
+    return x, z, rng.random(slots) < share
+
+
+def evidence_at(x: FloatArray, z: FloatArray, slots: Iterable[int], used: BoolArray | None = None) -> Evidence:
+    """A window with candidates at given slots."""
+    return evidence_of(x, z, candidates_at(x, z, np.array(list(slots), dtype=np.int64), STD, 1.0), STD, used)
 
 
 @dataclass
@@ -40,25 +59,17 @@ class Window:
 
 
 def simulate(
-    wheel: Wheel,
-    rng: np.random.Generator,
-    *,
-    slots: int = 80_000,
-    std: float = 0.024,
-    base: float = 1.0,
-    viscous: float = 1.0,
-    factors: tuple[float, ...] = (),
+    wheel: Wheel, rng: np.random.Generator, base: float = 1.0, viscous: float = 1.0
 ) -> tuple[FloatArray, FloatArray, list[tuple[int, int, int]], FloatArray, FloatArray]:
     """Simulate x, z, the jumps (slot, system, direction), and configuration and friction of each system."""
-    phase = rng.uniform(0, 2 * np.pi)
+    slots, phase = 80_000, rng.uniform(0, 2 * np.pi)
     x = 0.6 + 0.35 * np.sin(2 * np.pi * np.arange(slots) / 46_000.0 + phase)
-    parts = [simulate_system(system, slots, rng, factors[s] if factors else 1.0) for s, system in enumerate(wheel.fss)]
-    friction = np.stack([p.friction for p in parts]) if parts else np.zeros((0, slots))
-    configuration = np.stack([p.configuration for p in parts]) if parts else np.zeros((0, slots), dtype=np.int64)
+    parts = [simulate_system(system, slots, rng) for system in wheel.fss]
+    friction, configuration = (np.stack([getattr(p, name) for p in parts]) for name in ("friction", "configuration"))
     jumps = sorted(
         (int(k), s, int(p.configuration[k] - p.configuration[k - 1])) for s, p in enumerate(parts) for k in p.jump_index
     )
-    z = base + friction.sum(axis=0) + viscous * x + std * rng.standard_normal(slots)
+    z = base + friction.sum(axis=0) + viscous * x + STD * rng.standard_normal(slots)
     return x, z, jumps, configuration, friction
 
 
@@ -85,7 +96,7 @@ def evidence_of(
 ) -> Evidence:
     count = x.size if used is None else int(used.sum())
     noise = NoiseEstimate(std, np.array([std**2]), 1.0)
-    return Evidence(x.size, count, count, candidates, sums_of(x, z, used), noise, 20.0, NO_STRUCTURE)
+    return Evidence(x.size, count, count, candidates, sums_of(x, z, used), noise, NO_STRUCTURE)
 
 
 def window(
@@ -94,11 +105,11 @@ def window(
     *,
     false_candidates: float = 4.0,
     jitter: int = 2,
-    std: float = 0.024,
-    **options: float,
+    base: float = 1.0,
+    viscous: float = 1.0,
 ) -> Window:
     """Make a window whose candidates are the true jumps, moved by up to `jitter` slots, and false ones."""
-    x, z, jumps, configuration, friction = simulate(wheel, rng, std=std, **options)
+    x, z, jumps, configuration, friction = simulate(wheel, rng, base, viscous)
     truth = np.array([k for k, _, _ in jumps], dtype=np.int64)
     moved = truth + rng.integers(-jitter, jitter, size=truth.size, endpoint=True)
     count = int(rng.poisson(false_candidates))
@@ -108,8 +119,9 @@ def window(
         side = rng.choice(truth, size=count) + rng.choice([-1, 1], size=count) * rng.integers(4, 40, size=count)
         anywhere = np.where(rng.random(count) < 0.5, anywhere, side)
     slots = np.clip(np.concatenate([moved, anywhere]), 1, x.size - 1)
-    candidates = candidates_at(x, z, slots, std, float(options.get("viscous", 1.0)))
-    return Window(evidence_of(x, z, candidates, std), jumps, configuration, friction, x, z)
+    return Window(
+        evidence_of(x, z, candidates_at(x, z, slots, STD, viscous), STD), jumps, configuration, friction, x, z
+    )
 
 
 # ---- assignment problems for tests -----------------------------------------------------------------------------------

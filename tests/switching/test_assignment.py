@@ -11,10 +11,9 @@ from rwa_monitor.paper.method import split_friction
 from rwa_monitor.switching.assignment import assign
 from rwa_monitor.wheel.durations import Geometric, Histogram, Lognormal, Weibull
 from rwa_monitor.wheel.wheel import FrictionRange, SwitchingSystem, Wheel, built_in_wheel
-from tests.switching.assignment_windows import candidates_at, evidence_of, simulate, window
+from tests.switching.assignment_windows import STD, candidates_at, evidence_at, evidence_of, simulate, window
 
 WHEEL = built_in_wheel()
-STD = 0.024
 TOLERANCE = 5  # slots
 
 
@@ -60,7 +59,7 @@ def test_places_jumps_of_the_examples_on_the_right_system():
     counts = {"joint": [0, 0, 0], "paper": [0, 0, 0]}  # good, all, false
     rng = np.random.default_rng(20)
     for number in range(windows):
-        x, z, jumps, _, _ = simulate(WHEEL, rng, std=STD)
+        x, z, jumps, _, _ = simulate(WHEEL, rng)
         evidence = detect(x, z, 1 if number % 2 else -1)
         for method, run in (("joint", assign), ("paper", split_friction)):
             good, false = matched(accepted(run(evidence, WHEEL)[0]), jumps)  # type: ignore[operator]
@@ -107,8 +106,7 @@ def test_a_wheel_without_switching_systems_still_finds_levels():
     x = np.full(20_000, 0.5)
     z = 1.5 + STD * rng.standard_normal(x.size)
     z[8_000:] += 0.3
-    evidence = evidence_of(x, z, candidates_at(x, z, np.array([3_000, 8_000, 15_000]), STD, 1.0), STD)
-    assignment, levels = assign(evidence, NONE)
+    assignment, levels = assign(evidence_at(x, z, [3_000, 8_000, 15_000]), NONE)
     assert accepted(assignment) == [(8_000, UNATTRIBUTED, 1)]
     assert assignment.configurations == ()
     assert np.diff(levels.level) == pytest.approx([0.3], abs=0.01)
@@ -129,8 +127,7 @@ def test_two_systems_jump_at_once():
     jumps = {9_000: 0.4, 9_100: -0.4, 20_000: 0.55, 26_000: 0.5, 26_080: -0.5, 45_000: -0.55 + 0.35, 45_100: -0.35}
     jumps |= {60_000: 0.45, 60_050: -0.45, 71_000: 0.5}
     x, z = steps(jumps)
-    evidence = evidence_of(x, z, candidates_at(x, z, np.array(list(jumps)), STD, 1.0), STD)
-    assignment, _ = assign(evidence, WHEEL)
+    assignment, _ = assign(evidence_at(x, z, jumps), WHEEL)
     at_once = [one for one in accepted(assignment) if one[0] == 45_000]
     assert sorted(at_once) == [(45_000, 0, 1), (45_000, 1, -1)]
     sizes = {
@@ -150,8 +147,7 @@ def test_a_missed_jump_costs_only_itself():
     seen = [k for k in jumps if k != 38_060]
     used = np.ones(x.size, dtype=bool)
     used[38_003:38_400] = False
-    evidence = evidence_of(x, z, candidates_at(x, z, np.array(seen), STD, 1.0), STD, used)
-    found = accepted(assign(evidence, WHEEL)[0])
+    found = accepted(assign(evidence_at(x, z, seen, used), WHEEL)[0])
     expected = {(k, 1 if k in (20_000, 45_000) else 0, 1 if jumps[k] > 0 else -1) for k in seen if k != 38_000}
     assert expected <= set(found)
 
@@ -160,8 +156,7 @@ def test_an_impossible_jump_is_unattributed():
     """A level that climbs five times is no path that two systems can make."""
     jumps = dict.fromkeys(range(12000, 80000, 6000), 0.5)
     x, z = steps(jumps)
-    evidence = evidence_of(x, z, candidates_at(x, z, np.array(list(jumps)), STD, 1.0), STD)
-    assignment, _ = assign(evidence, WHEEL)
+    assignment, _ = assign(evidence_at(x, z, jumps), WHEEL)
     assert [k for k, _, _ in accepted(assignment)] == list(jumps)
     assert np.count_nonzero(assignment.system == UNATTRIBUTED) >= 5
 
@@ -173,8 +168,7 @@ def test_a_jump_that_the_sensor_divides_is_one_jump(share):
     systems = {k: 1 if k in (20_000, 45_000) else 0 for k in jumps}
     parts = {k + i: part * jump for k, jump in jumps.items() for i, part in enumerate((share, 1.0 - share))}
     x, z = steps(parts)
-    evidence = evidence_of(x, z, candidates_at(x, z, np.array(list(parts)), STD, 1.0), STD)
-    assignment, levels = assign(evidence, WHEEL)
+    assignment, levels = assign(evidence_at(x, z, parts), WHEEL)
     found = accepted(assignment)
     assert [(s, d) for _, s, d in found] == [(systems[k], 1 if jump > 0 else -1) for k, jump in jumps.items()]
     assert all(0 <= at - k <= 1 for (at, _, _), k in zip(found, jumps, strict=True))
@@ -221,6 +215,5 @@ def test_confidence_is_low_where_two_stories_are_as_likely():
     """One small step up in an otherwise silent window: any system may have made it."""
     x, z = steps({70_000: 0.5})
     twins = with_systems(WHEEL.fss[1], WHEEL.fss[1].model_copy(update={"name": "twin"}))
-    evidence = evidence_of(x, z, candidates_at(x, z, np.array([70_000]), STD, 1.0), STD)
-    assignment, _ = assign(evidence, twins)
+    assignment, _ = assign(evidence_at(x, z, [70_000]), twins)
     assert assignment.confidence[0] == pytest.approx(0.5, abs=0.05)

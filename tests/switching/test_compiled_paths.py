@@ -6,13 +6,14 @@ import numpy as np
 import pytest
 
 from rwa_monitor.changepoints import estimation
+from rwa_monitor.changepoints.noise import median_size
 from rwa_monitor.changepoints.stage_results import Candidates, SwitchingPath
 from rwa_monitor.diagnosis.model import built_in_model, stray_probabilities
-from rwa_monitor.kernels.assignment import PREFERENCE
+from rwa_monitor.kernels.assignment import PREFERENCE, refine_nodes
 from rwa_monitor.kernels.friction import evidence_of_cases, solve_cases
 from rwa_monitor.kernels.laws import densities
 from rwa_monitor.switching.friction_model import Cases
-from tests.switching.assignment_windows import sums_of
+from tests.switching.assignment_windows import record_of, sums_of
 
 
 def test_levels_without_samples_leave_the_sign_to_the_contrast():
@@ -24,8 +25,8 @@ def test_levels_without_samples_leave_the_sign_to_the_contrast():
     candidates = Candidates(index, np.full(2, 16), np.full(2, 50.0), np.array([0.5, 0.5]))
     signs = estimation.possible_signs(candidates, level)
     assert signs.tolist() == [[False, True], [False, True]]
-    assert estimation.typical_jump(np.array([np.nan, -0.5, 0.1, 0.3])) == pytest.approx(0.3)
-    assert estimation.typical_jump(np.array([np.nan])) == 0.0
+    assert median_size(np.array([np.nan, -0.5, 0.1, 0.3])) == pytest.approx(0.3)
+    assert median_size(np.array([np.nan])) == 0.0
 
 
 @pytest.mark.parametrize("spread", [(0.0, 0.0), (0.3, 0.0), (0.2, 0.7)])
@@ -109,18 +110,14 @@ def test_values_that_are_not_known_have_no_density():
 # ---- levels and positions over the samples themselves ---------------------------------------------------------------
 
 
-SLOTS, STD, SLOPE = 4_000, 0.05, 0.8
+SLOTS, STD, SLOPE = 4_000, 0.024, 1.1
 INDEX = np.array([320, 1_003, 1_040, 2_500, 3_900])
 
 
 @pytest.fixture
 def record() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """x, z and used of a window with five jumps, a tenth of its samples masked."""
-    rng = np.random.default_rng(71)
-    x = 0.6 + 0.3 * np.sin(np.arange(SLOTS) / 300.0)
-    level = np.concatenate([[1.0], 1.0 + np.cumsum([0.4, -0.3, 0.5, -0.6, 0.2])])
-    z = level[np.searchsorted(INDEX, np.arange(SLOTS), side="right")] + SLOPE * x + STD * rng.standard_normal(SLOTS)
-    return x, z, rng.random(SLOTS) > 0.1
+    return record_of(71, SLOTS, zip(INDEX.tolist(), (0.4, -0.3, 0.5, -0.6, 0.2), strict=True), 0.9)
 
 
 def _error(values: np.ndarray) -> float:
@@ -148,7 +145,7 @@ def test_jumps_and_levels_are_those_of_the_samples(record):
 def test_positions_are_refined_to_the_least_error(record):
     x, z, used = record
     index, reach = INDEX + np.array([7, -9, 5, 20, -3]), np.array([8, 16, 16, 32, 32])
-    refined = estimation.refine(sums_of(x, z, used), index, reach, SLOPE, STD**2)
+    refined = refine_nodes(np.concatenate(([0], index, [SLOTS])), reach, SLOPE, STD**2, sums_of(x, z, used).arrays)
     residual, borders = z - SLOPE * x, np.concatenate([[0], index, [SLOTS]])
     for i, at in enumerate(index):
         left, right = borders[i], borders[i + 2]

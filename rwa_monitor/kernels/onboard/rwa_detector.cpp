@@ -36,9 +36,7 @@ struct rwa_detector {
         return {reinterpret_cast<bool*>(values.data()), {static_cast<int64_t>(values.size())}};
     }
     rwa::WindowArrays arrays() {
-        const rwa::Vector<bool> taken = flags(used);
-        return {x, x, z, flags(good), taken, {checkpoints, x, z, taken, centre}, running, block_sums, block_pairs,
-                {}};
+        return {x, flags(good), {checkpoints, x, z, flags(used), centre}, running, block_sums, block_pairs, {}};
     }
     rwa::WindowSettings kernel_settings() const {
         return {settings.speed_unit, settings.torque_unit, 0.0, settings.block_hop, 0, settings.dead_band,
@@ -68,7 +66,6 @@ struct rwa_detector {
     rwa::vector<unsigned char> good, used;
     rwa::NewMatrix checkpoints, block_sums, block_pairs;
     rwa::Window window;
-    int64_t filled = 0, done = 0;
 };
 
 namespace {
@@ -94,7 +91,7 @@ rwa_detector* rwa_detector_open(const rwa_detector_settings* settings, void* mem
 int64_t rwa_detector_add(
     rwa_detector* detector, const double* speed, const double* friction, int64_t count, rwa_jump* jumps, int64_t most) {
     rwa_detector& of = *detector;
-    if (count < 0 || of.filled + count > of.settings.slots) return -1;
+    if (count < 0 || of.window.filled + count > of.settings.slots) return -1;
     rwa::pool = of.pool;
     bool there[rwa::BLOCK];  // NaN is not good
     rwa::fill_n(there, rwa::BLOCK, true);
@@ -102,9 +99,8 @@ int64_t rwa_detector_add(
     for (int64_t first = 0; first < count; first += rwa::BLOCK) {
         int64_t n = rwa::min(rwa::BLOCK, count - first), reported = 0;
         for (bool heavy = true; heavy; n = 0) {
-            std::tie(std::ignore, of.done, reported, heavy) = of.window.gather(
-                {speed + first, {n}}, {friction + first, {n}}, {there, {n}}, {}, of.filled, of.done, false);
-            of.filled += n;
+            std::tie(std::ignore, reported, heavy) =
+                of.window.gather({speed + first, {n}}, {friction + first, {n}}, {there, {n}}, {}, false);
             const auto& [slots, sizes, stds, normalised] = of.window.reported;
             for (int64_t i = 0; i < reported; ++i, ++found) {
                 if (found >= most) continue;
