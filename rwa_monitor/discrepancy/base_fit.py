@@ -44,8 +44,9 @@ CONVERGED: Final = 0.1  # change of the criterion
 TUKEY: Final = 4.685  # scales of the residual: 95 % efficient for Gaussian noise (Huber, Robust Statistics, 1981)
 MIN_USED: Final = 30  # fewer moving samples cannot separate a law of the speed from their noise
 HEAVY_SHARE: Final = 1e-3  # of samples beyond four standard deviations; Gaussian noise has 6e-5
-REVERSAL_MARGIN: Final = 4  # samples: that close to a reversal an offset is mistaken for a jump
+REVERSAL: Final = 5  # samples from a reversal: there bristles turn over, filters smear, and a jump is not identifiable
 REVERSAL_REACH: Final = 20  # samples around a reversal: bristles and balls take a few slots to reverse
+LEVEL_SAMPLES: Final = 64  # at most, from which the level on each side of a jump is estimated
 LONG_LAG_SHARE: Final = 0.02  # of the record: the lag of differences, a few per cent of a sojourn or more
 
 
@@ -63,15 +64,17 @@ class Fit:
         float64 (n,), dry friction level at each sample [N m].
     residual
         float64 (n,) [N m].
-    rss
-        Σ residual² [N² m²].
     """
 
     jumps: IntArray
     coefficients: FloatArray
     level: FloatArray
     residual: FloatArray
-    rss: float
+
+    @property
+    def rss(self) -> float:
+        """Σ residual² [N² m²]."""
+        return float(self.residual @ self.residual)
 
 
 def make_problem(records: Sequence[Record], wheel: Wheel, each: Mapper = in_turn) -> Problem:
@@ -163,7 +166,9 @@ def fit(problem: Problem, columns: FloatArray | None = None) -> Fit:
     for factor in ANNEALING:
         jumps = segment_records(problem, problem.z - design @ coefficients, factor * jump_price(problem))
         coefficients = least_squares(problem, design, jumps)
-        fitted = _with_levels(problem, design, coefficients, jumps)
+        rest = problem.z - design @ coefficients
+        residual = remove_levels(rest, segment_starts(problem, jumps))
+        fitted = Fit(jumps, coefficients, rest - residual, residual)
         value = criterion(problem, fitted)
         if value < lowest:
             best, lowest = fitted, value
@@ -243,25 +248,22 @@ def robust_coefficients(problem: Problem, design: FloatArray) -> FloatArray:
     return coefficients
 
 
-def _sharp_jumps(problem: Problem, fitted: Fit, reach: int = 48, threshold: float = 30.0) -> IntArray:
-    """Return the jumps that are significant over `reach` samples on each side, not parts of a smooth change."""
-    kept = []
-    values = fitted.level + fitted.residual
-    borders = np.concatenate([problem.starts, fitted.jumps])
-    for jump in fitted.jumps:
-        before = max(int(borders[borders < jump].max(initial=0)), jump - reach)
-        after = min(int(borders[borders > jump].min(initial=problem.size)), jump + reach)
-        n1, n2 = jump - before, after - jump
-        step = values[jump:after].mean() - values[before:jump].mean()
-        if step * step * n1 * n2 / (n1 + n2) > threshold * problem.noise.long_run_variance:
-            kept.append(jump)
-    return np.array(kept, dtype=np.int64)
+def _sharp_jumps(problem: Problem, fitted: Fit) -> IntArray:
+    """Return the jumps that are worth their price over LEVEL_SAMPLES on each side, not parts of a smooth change."""
+    jumps, sums = fitted.jumps, np.append(0.0, np.cumsum(fitted.level + fitted.residual))
+    borders = np.unique(np.append(problem.starts, jumps))
+    at = np.searchsorted(borders, jumps)
+    before = np.maximum(borders[at - 1], jumps - LEVEL_SAMPLES)
+    after = np.minimum(borders[at + 1], jumps + LEVEL_SAMPLES)
+    n1, n2 = jumps - before, after - jumps
+    step = (sums[after] - sums[jumps]) / n2 - (sums[jumps] - sums[before]) / n1
+    return jumps[step**2 * n1 * n2 / (n1 + n2) > jump_price(problem)]
 
 
 def jump_sets(problem: Problem, fitted: Fit) -> list[IntArray]:
     """Return the fitted jumps, subsets of them that a missing effect is unlikely to cause, and the strong jumps."""
     sets = [fitted.jumps]
-    off_crossings = fitted.jumps[problem.to_reversal[fitted.jumps] > REVERSAL_MARGIN]
+    off_crossings = fitted.jumps[problem.to_reversal[fitted.jumps] >= REVERSAL]
     strong = strong_jumps(problem, fitted.level + fitted.residual)
     for subset in (_sharp_jumps(problem, fitted), off_crossings, strong):
         if not any(np.array_equal(subset, known) for known in sets):
@@ -288,12 +290,6 @@ def segment_records(problem: Problem, values: FloatArray, penalty: float) -> Int
     """Segment each record separately and return the joined indices of the jumps."""
     found = [segment(values[begin:end], penalty) + begin for begin, end in pairwise(problem.starts) if end > begin]
     return np.concatenate(found).astype(np.int64)
-
-
-def _with_levels(problem: Problem, design: FloatArray, coefficients: FloatArray, jumps: IntArray) -> Fit:
-    rest = problem.z - design @ coefficients
-    residual = remove_levels(rest, segment_starts(problem, jumps))
-    return Fit(jumps, coefficients, rest - residual, residual, float(residual @ residual))
 
 
 # ---- exact penalised segmentation of a sequence into levels: functional pruning optimal partitioning -----------------

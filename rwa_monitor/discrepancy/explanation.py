@@ -25,7 +25,7 @@ from rwa_monitor.discrepancy.quantisation import redrawn
 from rwa_monitor.discrepancy.record import FEWEST_FOR_JUMPS, Record
 from rwa_monitor.discrepancy.score import price, regressors
 from rwa_monitor.discrepancy.search import grow, prune, rank, search
-from rwa_monitor.discrepancy.terms import Found, Model, SearchResult, law_of
+from rwa_monitor.discrepancy.terms import Found, Model, SearchResult
 from rwa_monitor.discrepancy.unexplained import (
     LEAST_NAMED_SHARE,
     combined,
@@ -139,7 +139,7 @@ def _score_bound(problem: Problem, jumping: Model) -> float:
 
     It is the score of a nonparametric curve, without a penalty for its parameters or those of the effects.
     """
-    series, law = Series.of(problem), law_of(jumping)
+    series, law = Series.of(problem), jumping.law
     rows, low, high = regressors(series, jumping.terms)
     curve = speed_curve(series)
     free = np.full(curve.shape[0], np.inf)

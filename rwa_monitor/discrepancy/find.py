@@ -101,7 +101,7 @@ def find_discrepancy(
     at_base = found.nested[0]
     if named is not None:  # the base model has no delay: it is scored on the data as measured
         base = prepare(_records_of(bench.recordings, wheel, None), wheel)
-        at_base = scored(base, Model((), fit(base)))
+        at_base = scored(base, (), fit(base).jumps)
         scores = (held_out(base, at_base), *scores)
     gain = _gain(problem, at_base, found.nested[-1], scores, [name for name, _ in bench.held_out])
     verdict: Verdict = "inadequate" if effects or explained.leftover is not None else "adequate"

@@ -18,7 +18,6 @@ from typing import Final
 import numpy as np
 
 from rwa_monitor.discrepancy.base_fit import (
-    Fit,
     fit,
     jump_price,
     jump_sets,
@@ -30,7 +29,7 @@ from rwa_monitor.discrepancy.likelihood import LONG_MEMORY, NO_JUMPS, NoiseLaw, 
 from rwa_monitor.discrepancy.problem import Problem
 from rwa_monitor.discrepancy.score import Background, held_out, off_reversals, scored, with_exact_jumps, with_law
 from rwa_monitor.discrepancy.shape_profile import profile, shape_limits
-from rwa_monitor.discrepancy.terms import Model, Term, depends_on_level, law_of, make_term
+from rwa_monitor.discrepancy.terms import Model, Term, depends_on_level, make_term
 from rwa_monitor.samples import TINY, FloatArray, IntArray
 from rwa_monitor.wheel.effects.base import MeanEffect
 
@@ -78,13 +77,14 @@ class Fitting:
             return self.refined(self._annealed((), [NO_JUMPS], NoiseLaw()))
         problem, start = self.problem, fit(self.problem)
         jumps = off_reversals(problem, start.level + start.residual, start.jumps)
-        base = with_exact_jumps(problem, scored(problem, Model((), replace(start, jumps=jumps))))
+        base = with_exact_jumps(problem, scored(problem, (), jumps))
         memory = _ar1_coefficient(base.fit.residual)
         if not problem.has_noise or memory < LEAST_CORRELATION:
             return base
         # Jumps hidden in autocorrelated noise lengthen its fitted memory: that of neighbours is tried, too.
-        other = with_exact_jumps(problem, with_law(problem, base, NoiseLaw(white=0.0, correlation=memory)))
-        return min(base, with_exact_jumps(problem, scored(problem, other)), key=lambda one: one.score)
+        start_law = NoiseLaw(white=0.0, correlation=memory)
+        other = with_exact_jumps(problem, with_law(problem, (), base.fit.jumps, start_law))
+        return min(base, with_exact_jumps(problem, scored(problem, (), other.fit.jumps)), key=lambda one: one.score)
 
     def split_testable(self, effects: Effects, base: Model) -> tuple[list[type[MeanEffect]], list[tuple[str, str]]]:
         """Split effects into those that the data can test, and the names of the others with what is missing.
@@ -117,8 +117,8 @@ class Fitting:
         `all_of_them`: also those whose effect does not count, see `counts`.
         """
         models = self._extended(current, effects, all_of_them=all_of_them)
-        if not self.jumps and self.several and law_of(current).level_spread == 0.0:
-            models.append(self.refined(self._annealed(current.terms, [NO_JUMPS], law_of(current).separate_levels)))
+        if not self.jumps and self.several and current.law.level_spread == 0.0:
+            models.append(self.refined(self._annealed(current.terms, [NO_JUMPS], current.law.separate_levels)))
         return _in_order(models, effects)
 
     def counts(self, model: Model, current: Model) -> bool:
@@ -139,7 +139,7 @@ class Fitting:
     def without(self, model: Model, index: int) -> Model:
         """Return a model without term `index`, refitted from the full model's jumps."""
         terms, jumps = model.terms[:index] + model.terms[index + 1 :], model.fit.jumps
-        key = tuple(map(id, terms)), jumps.tobytes(), law_of(model)
+        key = tuple(map(id, terms)), jumps.tobytes(), model.law
         if key not in self._known:
             self._known[key] = terms, self.refitted(terms, model, [jumps])
         return self._known[key][1]
@@ -153,11 +153,11 @@ class Fitting:
 
     def refitted_roughly(self, terms: Sequence[Term], near: Model, jumps: Sequence[IntArray] = ()) -> Model:
         """Return what `refitted` refines: a model with the shapes as given and the noise law of the similar model."""
-        return self._annealed(tuple(terms), jumps or self._starts(near), law_of(near))
+        return self._annealed(tuple(terms), jumps or self._starts(near), near.law)
 
     def with_common_level(self, model: Model) -> Model | None:
         """Return the model with one level for all recordings, not separate ones; None where it has jumps, or one."""
-        law = law_of(model)
+        law = model.law
         if self.jumps or law.level_spread == 0.0:
             return None
         return self.refined(self._annealed(model.terms, [NO_JUMPS], replace(law, level_spread=0.0)))
@@ -178,7 +178,7 @@ class Fitting:
     def substitutes(self, model: Model, index: int, effects: Effects) -> list[str]:
         """Return the names of effects that are as good in place of a term, with jumps, level and noise kept."""
         others = model.terms[:index] + model.terms[index + 1 :]
-        beside = Background.of(self.problem, others, law_of(model), model.fit.jumps)
+        beside = Background.of(self.problem, others, model.law, model.fit.jumps)
         most = beside.criterion_with(model.terms[index]) + EQUIVALENT_WITHIN
         tried = self.problem.each(partial(profile, beside, model.fit.level), effects)
         return [one.effect.name for one, score in tried if score < most]
@@ -193,7 +193,7 @@ class Fitting:
         self, current: Model, effects: Effects, instead: Term | None = None, *, all_of_them: bool = False
     ) -> list[Model]:
         """Return the model with each of the most promising effects; `instead` of a term, each that comes near it."""
-        law, missing = law_of(current), [effect for effect in effects if effect.name not in current.names]
+        law, missing = current.law, [effect for effect in effects if effect.name not in current.names]
         starts = [(law, jumps) for jumps in self._starts(current)]
         if not self.jumps:  # slow noise may have absorbed the effect: screen in white noise, too
             starts.append((replace(law, white=1.0, correlation=0.0), NO_JUMPS))
@@ -232,7 +232,7 @@ class Fitting:
             term = make_term(problem, effect, {effect.threshold: float(speed)}, None)
             left = off_steps(term, jumps)
             if low <= speed <= high and jumps.size - left.size >= FEWEST_CROSSED:
-                score = Background.of(problem, current.terms, law_of(current), left).criterion_with(term)
+                score = Background.of(problem, current.terms, current.law, left).criterion_with(term)
                 best, found = min((best, found), (score, [(term, left)]), key=lambda one: one[0])
         return found
 
@@ -251,14 +251,13 @@ class Fitting:
 
         Segmentation starts from each set, with a falling price of a jump; different starts soon reach the same jumps.
         """
-        nothing = np.zeros(self.problem.size)
-        bare, known = Model(terms, Fit(NO_JUMPS, np.zeros(0), nothing, nothing, 0.0)), dict[bytes, Model]()
+        known: dict[bytes, Model] = {}
 
         def beside(jumps: IntArray) -> Model:
             """Return the model with these jumps."""
             key = jumps.tobytes()
             if key not in known:
-                known[key] = with_law(self.problem, bare, law, jumps)
+                known[key] = with_law(self.problem, terms, jumps, law)
             return known[key]
 
         reached = [beside(jumps) for jumps in starts]
@@ -282,14 +281,14 @@ class Fitting:
         """Return a model with shapes, noise and jumps fitted in turn."""
         best: Model | None = None
         for _ in range(ROUNDS):
-            model = scored(self.problem, model, model.law, again=self.jumps)
+            model = scored(self.problem, model.terms, model.fit.jumps, model.law, again=self.jumps)
             gained = np.inf if best is None else best.score - model.score
             if best is None or gained > 0.0:
                 best = model
             if gained < SETTLED or not any(term.shape or depends_on_level(term.effect) for term in model.terms):
                 break
             model = self._reshaped(model)
-            segmented = with_law(self.problem, model, law_of(model), self._segmented(model))
+            segmented = with_law(self.problem, model.terms, self._segmented(model), model.law)
             model = min(model, segmented, key=lambda one: one.score)
         assert best is not None
         return self._with_own_level(with_exact_jumps(self.problem, best) if self.jumps else best)
@@ -297,7 +296,7 @@ class Fitting:
     def _with_own_level(self, model: Model) -> Model:
         """Return a model whose level-dependent columns follow its own level, not that of the model before."""
         for _ in range(ROUNDS if any(depends_on_level(term.effect) for term in model.terms) else 0):
-            followed = with_law(self.problem, replace(model, terms=self._with_updated_columns(model)), law_of(model))
+            followed = with_law(self.problem, self._with_updated_columns(model), model.fit.jumps, model.law)
             change, model = abs(followed.score - model.score), followed
             if change < SETTLED:
                 break
@@ -317,7 +316,7 @@ class Fitting:
 
         A jump at a step of a term's own columns may be that step: it is removed where that lowers the score.
         """
-        terms, jumps, law = list(self._with_updated_columns(model)), model.fit.jumps, law_of(model)
+        terms, jumps, law = list(self._with_updated_columns(model)), model.fit.jumps, model.law
         for i, term in enumerate(terms):
             if term.shape:
                 others = (*terms[:i], *terms[i + 1 :])
@@ -326,10 +325,10 @@ class Fitting:
                     beside = Background.of(self.problem, others, law, kept)
                     fitted.append((*profile(beside, model.fit.level, term.effect, around=term), kept))
                 terms[i], _, jumps = min(fitted, key=lambda one: one[1])
-        shaped, fewer = replace(model, terms=tuple(terms)), jumps
+        fewer = jumps
         for term in terms:
             fewer = off_steps(term, fewer) if term.shape else fewer
-        models = [with_law(self.problem, shaped, law, kept) for kept in _distinct(jumps, fewer)]
+        models = [with_law(self.problem, terms, kept, law) for kept in _distinct(jumps, fewer)]
         return min(models, key=lambda one: one.score)
 
 

@@ -23,7 +23,7 @@ from rwa_monitor.discrepancy.fitting import (
 from rwa_monitor.discrepancy.likelihood import least_gain
 from rwa_monitor.discrepancy.problem import Problem
 from rwa_monitor.discrepancy.score import wald
-from rwa_monitor.discrepancy.terms import Found, Model, SearchResult, law_of
+from rwa_monitor.discrepancy.terms import Found, Model, SearchResult
 
 MAX_EFFECTS: Final = 4
 WORTH_SWAPPING: Final = 1.0  # decrease of the score from which an exchange is made
@@ -87,7 +87,7 @@ def grow(
         if not alternatives:
             break
         gain, least = current.score - alternatives[0].score, asked(fitting.problem, named)
-        drifts = law_of(current).is_drift(current.fit.residual.size)  # the noise law may absorb a missing effect
+        drifts = current.law.is_drift(current.fit.residual.size)  # the noise law may absorb a missing effect
         if gain < least and drifts:  # of two missing effects, each alone may gain too little: two are tried in pairs
             pairs = [pair for one in alternatives[:2] for pair in fitting.extensions(one, testable)]
             best = min(pairs, key=lambda pair: pair.score, default=current)

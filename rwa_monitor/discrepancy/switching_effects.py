@@ -18,11 +18,11 @@ import numpy as np
 
 from rwa_monitor.changepoints.evidence import WindowAccumulator
 from rwa_monitor.changepoints.stage_results import UNATTRIBUTED, Assignment, Evidence
+from rwa_monitor.discrepancy.base_fit import REVERSAL
 from rwa_monitor.discrepancy.fitting import EQUIVALENT_WITHIN
 from rwa_monitor.discrepancy.noise_effects import accepted, on_slots
 from rwa_monitor.discrepancy.problem import Problem
 from rwa_monitor.discrepancy.result import FoundEffect
-from rwa_monitor.discrepancy.score import REVERSAL
 from rwa_monitor.discrepancy.terms import Model
 from rwa_monitor.samples import BoolArray, FloatArray, IntArray
 from rwa_monitor.switching.assignment import assign, window_priors

@@ -264,15 +264,15 @@ class Model:
     fit
         Jumps, coefficients, level and residual.
     law
-        The law of the noise that was fitted with it; None before it is scored.
+        The law of the noise that was fitted with it.
     score
-        See `score`; lower is better. Infinite before it is scored.
+        See `score`; lower is better.
     """
 
     terms: tuple[Term, ...]
     fit: Fit
-    law: NoiseLaw | None = None
-    score: float = float("inf")
+    law: NoiseLaw
+    score: float
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -309,12 +309,6 @@ class Model:
         others = [torque - torque.mean() for term, torque in torques if term.effect.parity != opposite]
         largest = max((float(own @ other**2) for other in others), default=0.0)
         return float(own @ own) < MODEL_ERROR**2 * largest
-
-
-def law_of(model: Model) -> NoiseLaw:
-    """Return the noise's law of a model that is scored."""
-    assert model.law is not None, "the model is scored"
-    return model.law
 
 
 @dataclass(frozen=True, slots=True)

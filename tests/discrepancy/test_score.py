@@ -61,7 +61,7 @@ def test_a_term_is_screened_as_it_is_scored_where_nothing_is_averaged() -> None:
     term = make_term(problem, QuadraticDrag, {}, None)
     law = NoiseLaw()
     screened = Background.of(problem, (), law, base.fit.jumps).criterion_with(term)
-    assert screened == pytest.approx(with_law(problem, replace(base, terms=(term,)), law).score, abs=1e-6)
+    assert screened == pytest.approx(with_law(problem, (term,), base.fit.jumps, law).score, abs=1e-6)
 
 
 def test_screening_averages_neighbours_of_one_recording() -> None:
@@ -102,8 +102,7 @@ def test_what_a_few_samples_decide_gains_as_much_and_does_not_stand_out(share: f
     torque = np.where(np.arange(problem.size) < share * problem.size, 0.1 * NOISE_NM / share * column, 0.0)
     problem = replace(problem, z=problem.z + torque)
     term = Term(TorqueBias, {}, column[:, None], np.array([-np.inf]), np.array([np.inf]), 1.0)
-    nothing = Fit(NO_JUMPS, np.zeros(0), np.zeros(problem.size), np.zeros(problem.size), 0.0)
-    base, model = (with_law(problem, Model(terms, nothing), NoiseLaw()) for terms in ((), (term,)))
+    base, model = (with_law(problem, terms, NO_JUMPS, NoiseLaw()) for terms in ((), (term,)))
     assert 50.0 < base.score - model.score + problem.log_size < 120.0  # twice the log-likelihood: a hundredth a sample
     assert low < wald(problem, model)[0] < high
 
@@ -128,6 +127,7 @@ def test_an_inexact_law_explains_what_is_small_beside_it_but_not_what_has_the_ot
         terms.append(term)
         strengths.append(size / float(np.abs(term.columns).max()))
     nothing = np.zeros(problem.size)
-    model = Model(tuple(terms), Fit(NO_JUMPS, np.array([0.0, *strengths]), nothing, nothing, 0.0))
+    fit = Fit(NO_JUMPS, np.array([0.0, *strengths]), nothing, nothing)
+    model = Model(tuple(terms), fit, NoiseLaw(), 0.0)
     assert model.is_minor(0, problem.sign) == minor
     assert not model.is_minor(1, problem.sign)

@@ -8,8 +8,8 @@ import pytest
 from rwa_monitor.discrepancy.base_fit import fit, make_problem
 from rwa_monitor.discrepancy.noise_effects import noise_effects, with_even_noise
 from rwa_monitor.discrepancy.record import make_record
+from rwa_monitor.discrepancy.score import scored
 from rwa_monitor.discrepancy.switching_effects import switching_effects
-from rwa_monitor.discrepancy.terms import Model
 from rwa_monitor.samples import BoolArray, FloatArray
 from rwa_monitor.wheel.durations import Geometric, Uniform
 from rwa_monitor.wheel.switching_systems import simulate_system
@@ -55,7 +55,7 @@ def named(
     rng = np.random.default_rng(seed + 100)
     friction = np.sign(speed) * level + VISCOUS * speed + NOISE_NM * rng.normal(size=COUNT)
     problem = make_problem([make_record(sampled(speed, friction), wheel, "jumps")], wheel)
-    model = Model((), fit(problem))
+    model = scored(problem, (), fit(problem).jumps)
     return [effect.name for effect in switching_effects(problem, model, wheel, in_band)]
 
 
@@ -83,7 +83,7 @@ def test_samples_of_a_noisy_band_are_no_jumps(seed: int) -> None:
     noise = NOISE_NM * (1.0 + 1.5 * np.exp(-0.5 * ((speed - 150.0) / 15.0) ** 2)) * rng.normal(size=COUNT)
     friction = level_of(KNOWN.fss, np.arange(COUNT), seed) + VISCOUS * speed + noise
     problem = make_problem([make_record(sampled(speed, friction), KNOWN, "band")], KNOWN)
-    model = Model((), fit(problem))
+    model = scored(problem, (), fit(problem).jumps)
     found = noise_effects(problem, model)
     assert [effect.name for effect in found] == ["speed_dependent_noise"]
     assert switching_effects(problem, with_even_noise(problem, model, found), KNOWN) == []
