@@ -25,6 +25,7 @@ from rwa_monitor.discrepancy.unnamed import (
     Periodic,
     PeriodicDrag,
     PeriodicRub,
+    PeriodicTorque,
     UnnamedEffect,
     between_recordings,
 )
@@ -32,7 +33,7 @@ from rwa_monitor.messages import Unexplained
 from rwa_monitor.samples import TINY, FloatArray
 
 EXPLAINED_SHARE: Final = 0.7  # of a curve's gain: a law that gains so much with fewer parameters is kept
-NEARLY_ALL: Final = 0.9  # of the sum of squares that another model explains
+NEARLY_ALL: Final = 0.9  # of a sum of squares or a variance: the rest is noise and drift
 LEAST_NAMED_SHARE: Final = 0.1  # of an unnamed hypothesis's gain that a name found with it must reach: no law is exact
 FEWEST_SAMPLES: Final = 4  # for each height of a curve: with fewer it follows the noise
 FEWEST_STEPS: Final = 6  # of the level: a jump or two too many is chance
@@ -41,8 +42,6 @@ LASTING_LAGS: Final = range(64, 129, 4)  # slots: the autocorrelation of the cat
 LASTING_SHARE: Final = 0.2  # of the residual's variance
 FOLD_BINS: Final = 40  # parts of a period: what lasts a twentieth of it is resolved
 FEWEST_PERIODS: Final = 5  # in a record: a drag that drifts as a random walk mimics fewer
-REPEATED_SHARE: Final = 0.9  # of the motion's variance: motion that repeats does so but for noise and drift
-FOLDED_SHARE: Final = 0.9  # of the largest power that folding at any period gives
 SHORT_SHARE: Final = 0.25  # of a period: what lasts longer is a wave, not a rub
 
 
@@ -98,8 +97,8 @@ def with_nonparametric_curves(fitting: Fitting, model: Model) -> list[Model]:
 
 def _periodic_finding(problem: Problem, model: Model, curve: Term) -> Unexplained:
     """Return an unexplained periodic torque: its period, how long it lasts in each period, and its size."""
-    flips, frequency_Hz = curve.effect.flips, curve.shape["frequency_Hz"]  # type: ignore[attr-defined]
-    period, mean, residual = _repeated(problem, model, frequency_Hz, flips=flips)
+    assert issubclass(curve.effect, Periodic)
+    period, mean, residual = _repeated(problem, model, curve.shape["frequency_Hz"], flips=curve.effect.flips)
     power, mean = float(np.mean(mean**2)), mean - np.median(mean)
     lasting = float(np.count_nonzero(np.abs(mean) > 0.5 * np.max(np.abs(mean)))) / FOLD_BINS
     short = f", {lasting * period:.2g} s long" if lasting < SHORT_SHARE else ""
@@ -122,7 +121,7 @@ def _repeated(
     periods = [k / frequency_Hz for k in range(1, min(longest, PeriodicRub.harmonics) + 1)]
     folds = [_fold(time_s, residual, period) for period in periods]
     powers = [float(np.mean(mean**2)) for mean in folds]
-    period = periods[next(i for i, power in enumerate(powers) if power >= FOLDED_SHARE * max(powers))]
+    period = periods[next(i for i, power in enumerate(powers) if power >= NEARLY_ALL * max(powers))]
     # A peak is as wide as one period more or less in the record: folding determines the period of a short rub better.
     near = period * (1.0 + min(period / float(np.ptp(time_s)), 1.0) * np.linspace(-0.5, 0.5, 2 * FOLD_BINS + 1))
     folds = [_fold(time_s, residual, one) for one in near]
@@ -179,7 +178,7 @@ def _curves(fitting: Fitting, model: Model) -> list[Term]:
         terms.append(Term(curve, {}, columns, -free, free, columns.shape[1]))
     if problem.is_command:  # a command has no error that varies with time
         return terms
-    for effect in (Periodic, PeriodicDrag):
+    for effect in (PeriodicTorque, PeriodicDrag):
         frequency = _best_frequency(problem, model, flips=effect.flips)
         terms.append(make_term(problem, effect, {"frequency_Hz": frequency}, None))
     period, *_ = _repeated(problem, model, terms[-1].shape["frequency_Hz"], flips=True)
@@ -216,7 +215,7 @@ def _repetition_slots(speed: FloatArray) -> int | None:
     covariance = np.fft.irfft(np.abs(np.fft.rfft(speed, 2 * n)) ** 2)[lags] / (n - lags)
     first = int(np.argmax(covariance < 0.0))  # at shorter lags any smooth motion correlates
     best = first + int(np.argmax(covariance[first:]))
-    return best if first and covariance[best] >= REPEATED_SHARE * covariance[0] else None
+    return best if first and covariance[best] >= NEARLY_ALL * covariance[0] else None
 
 
 # ---- unnamed hypotheses that won -------------------------------------------------------------------------------------
