@@ -95,8 +95,8 @@ def make_problem(records: Sequence[Record], wheel: Wheel, each: Mapper = in_turn
         )
     speed = np.concatenate([np.abs(r.viscous_speed_rad_s)[r.used] for r in records])
     sign = np.concatenate([r.channels.direction[r.used] for r in records])
-    starts = np.concatenate([[0], np.cumsum([np.count_nonzero(r.used) for r in records])]).astype(np.int64)
-    slot = np.concatenate([np.flatnonzero(r.used) for r in records]).astype(np.int64)
+    starts = np.cumsum([0, *(np.count_nonzero(r.used) for r in records)])
+    slot = np.concatenate([np.flatnonzero(r.used) for r in records])
     nominal = wheel.nominal.viscous_Nm_s_rad if wheel.nominal else None
     noise = estimate_noise([z])
     problem = Problem(tuple(records), z, z, 0.0, speed, sign, starts, slot, noise, nominal, each=each)
@@ -257,7 +257,7 @@ def _sharp_jumps(problem: Problem, fitted: Fit) -> IntArray:
     after = np.minimum(borders[at + 1], jumps + LEVEL_SAMPLES)
     n1, n2 = jumps - before, after - jumps
     step = (sums[after] - sums[jumps]) / n2 - (sums[jumps] - sums[before]) / n1
-    return jumps[step**2 * n1 * n2 / (n1 + n2) > jump_price(problem)]
+    return np.asarray(jumps[step**2 * n1 * n2 / (n1 + n2) > jump_price(problem)])
 
 
 def jump_sets(problem: Problem, fitted: Fit) -> list[IntArray]:

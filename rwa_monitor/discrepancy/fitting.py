@@ -17,15 +17,9 @@ from typing import Final
 
 import numpy as np
 
-from rwa_monitor.discrepancy.base_fit import (
-    fit,
-    jump_price,
-    jump_sets,
-    segment_records,
-    with_noise_of,
-)
+from rwa_monitor.discrepancy.base_fit import fit, jump_price, jump_sets, segment_records, with_noise_of
 from rwa_monitor.discrepancy.hypotheses import split_testable
-from rwa_monitor.discrepancy.likelihood import LONG_MEMORY, NO_JUMPS, NoiseLaw, Series
+from rwa_monitor.discrepancy.likelihood import LONG_MEMORY, NO_JUMPS, ROUNDS, NoiseLaw, Series
 from rwa_monitor.discrepancy.problem import Problem
 from rwa_monitor.discrepancy.score import Background, held_out, off_reversals, scored, with_exact_jumps, with_law
 from rwa_monitor.discrepancy.shape_profile import profile, shape_limits
@@ -41,8 +35,7 @@ ANNEALING: Final = (8.0, 3.0, 1.0, 1.0)  # factors on the price of a jump, in tu
 CANDIDATES_FITTED: Final = 4  # best candidates of the screening from each start, which are fitted
 CANDIDATES_REFINED: Final = 5  # best candidates after segmentation, whose shapes and noise are refitted
 LEAST_GAIN_SHARE: Final = 0.25  # of the largest gain: with less, no candidate became the best by a refinement
-ROUNDS: Final = 4  # in which shapes, noise and jumps are fitted in turn
-SETTLED: Final = 0.5  # change of the score below which a fit has converged
+SETTLED: Final = 0.5  # change of a score, or a log-likelihood, below which a fit has converged
 STEP: Final = 0.25  # of a column's range: a larger change from one sample to the next is a step
 AT_STEP: Final = 8  # samples: a jump so near to a step of a column may be the same event
 MOST_TRIED: Final = 60  # thresholds; fewer than twice as many where there are more jumps
@@ -67,7 +60,6 @@ class Fitting:
     def __init__(self, problem: Problem, *, jumps: bool) -> None:
         self.problem = problem
         self.jumps = jumps
-        self.several = Series.of(problem).several
         self._known: dict[Hashable, tuple[Sequence[Term], Model]] = {}  # results of `without`
         self._replaced: dict[tuple[int, int], tuple[Model, list[Model]]] = {}  # and of `replacements`
 
@@ -117,7 +109,7 @@ class Fitting:
         `all_of_them`: also those whose effect does not count, see `counts`.
         """
         models = self._extended(current, effects, all_of_them=all_of_them)
-        if not self.jumps and self.several and current.law.level_spread == 0.0:
+        if not self.jumps and Series.of(self.problem).several and current.law.level_spread == 0.0:
             models.append(self.refined(self._annealed(current.terms, [NO_JUMPS], current.law.separate_levels)))
         return _in_order(models, effects)
 
@@ -391,10 +383,12 @@ def _in_order(models: Sequence[Model], effects: Effects) -> list[Model]:
     An effect that depends on the dry level is less plain than one that does not; then the order of `effects` decides.
     """
     place = {effect.name: (depends_on_level(effect), number) for number, effect in enumerate(effects)}
-    ordered = sorted(models, key=lambda model: model.score)
-    near = [model for model in ordered if model.score < ordered[0].score + SETTLED]
-    near.sort(key=lambda model: place.get((model.names or ("",))[-1], (False, 0)))
-    return [*near, *ordered[len(near) :]]
+    near = min((model.score for model in models), default=0.0) + SETTLED
+
+    def key(model: Model) -> tuple[float, tuple[bool, int], float]:
+        return max(model.score, near), place.get((model.names or ("",))[-1], (False, 0)), model.score
+
+    return sorted(models, key=key)
 
 
 def _best_of_each(models: Sequence[Model]) -> list[Model]:

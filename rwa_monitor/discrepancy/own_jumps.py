@@ -22,6 +22,7 @@ from rwa_monitor.discrepancy.fitting import LEAST_GAIN_SHARE, Fitting, off_steps
 from rwa_monitor.discrepancy.jump_terms import DecayingJumpTerm, JumpTerm
 from rwa_monitor.discrepancy.likelihood import ACCEPT_GAIN
 from rwa_monitor.discrepancy.problem import Problem
+from rwa_monitor.discrepancy.record import LOST_DIGITS
 from rwa_monitor.discrepancy.result import ParameterValue
 from rwa_monitor.discrepancy.score import held_out
 from rwa_monitor.discrepancy.search import prune
@@ -38,8 +39,6 @@ BLOCKS: Final = 3_000  # of a record, between which the segmentation may cut; ea
 SHORTEST_BLOCKS: Final = 3  # of a segment: shorter ones are blocks that contain a jump
 MOST_CHANGES: Final = 24  # more are a law of speed, not jumps
 HELD_OUT_BLOCKS: Final = 41  # so short that each slope occurs in blocks of both parities
-EXACT_ENERGY: Final = 1e15  # times the largest energy: that of a multiple that is known exactly
-DECAYED_SHARE: Final = 1e-6  # of a relaxing jump: less counts as zero
 RATIO: Final = 1.5  # between successive time constants that are tried
 
 
@@ -247,27 +246,23 @@ def _merged_changes(basis: _Basis, values: FloatArray, first: IntArray, price: f
     Of drag that relaxes, only upward jumps: a pocket of oil that is run over adds drag.
     """
     n, x, z, xx, xz, _ = _sums(basis, values, first, values.size)
-    energy, moment, keep = xx - x * x / n, xz - x * z / n, basis.keep(first)  # relative to each segment's beginning
-    known = EXACT_ENERGY * energy.max()
-    if basis.relaxes:  # before the first jump there is nothing to relax
-        first, keep = np.append(-1, first), np.append(0.0, keep)
-        energy, moment = np.append(known, energy), np.append(0.0, moment)
-    while first.size > 1:
-        vanished = keep < DECAYED_SHARE
-        before = np.where(vanished, known, np.minimum(energy[:-1] / np.where(vanished, 1.0, keep**2), known))
-        of_before = np.where(vanished, 0.0, moment[:-1] / np.where(vanished, 1.0, keep))
-        both = before * energy[1:]
-        change = np.where(both > 0.0, moment[1:] * before - of_before * energy[1:], 0.0)
-        costs = change**2 / np.where(both > 0.0, both * (before + energy[1:]), 1.0)
-        i = int(np.argmin(costs))
-        if costs[i] >= price:
-            return first[1:][change > 0.0] if basis.relaxes else first[1:]
-        energy[i] += keep[i] ** 2 * energy[i + 1]
-        moment[i] += keep[i] * moment[i + 1]
-        keep[i + 1 : i + 2] *= keep[i]
-        energy, moment, first = (np.delete(of_each, i + 1) for of_each in (energy, moment, first))
-        keep = np.delete(keep, i)
-    return first[1:]
+    energy = np.maximum(xx - x * x / n, LOST_DIGITS * xx.max())  # relative to each segment's beginning
+    # The multiple of a segment is the sum of the changes up to it, each times what is left of it there.
+    left = np.eye(first.size)
+    for i, keep in enumerate(basis.keep(first)):
+        left[i + 1] += keep * left[i]
+    inverse = np.linalg.inv(left.T @ (energy[:, None] * left))
+    change = inverse @ (left.T @ (xz - x * z / n))
+    given = 0 if basis.relaxes else 1  # multiples that are no changes: before the first jump there is nothing to relax
+    while first.size > given:
+        costs = change[given:] ** 2 / inverse.diagonal()[given:]
+        i = given + int(np.argmin(costs))
+        if costs[i - given] >= price:
+            break
+        change = np.delete(change - inverse[i] * (change[i] / inverse[i, i]), i)
+        inverse = np.delete(np.delete(inverse - np.outer(inverse[i], inverse[i]) / inverse[i, i], i, 0), i, 1)
+        first = np.delete(first, i)
+    return first[change > 0.0] if basis.relaxes else first[1:]
 
 
 def _term(basis: _Basis, places: IntArray) -> Term:

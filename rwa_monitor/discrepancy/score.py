@@ -350,10 +350,9 @@ def held_out(problem: Problem, model: Model, blocks: int = BLOCKS) -> HeldOut:
     white, _ = series.whitened(np.vstack([series.friction, rows]), model.law)
     energy, jumps = np.sum(white**2, axis=1), model.fit.jumps if model.fit.jumps.size else None
     whitening = _whitening(problem, model, jumps)
-    block = np.searchsorted(_first_of(blocks, series.size), np.arange(series.size), side="right") - 1
     residual, innovations, variance = np.zeros((3, series.size))
-    for b in range(blocks):
-        here, train = block == b, white[:, block != b]
+    for begin, end in pairwise(_edges(blocks, series.size).tolist()):
+        here, train = slice(begin, end), np.delete(white, slice(begin, end), axis=1)
         # A regressor with hardly any energy in the training blocks gets the coefficient 0, not an arbitrary one.
         shown = np.sum(train**2, axis=1) >= TRAINABLE_SHARE * energy
         products = (train @ train.T) * np.outer(shown, shown)
@@ -384,17 +383,17 @@ def on_other_recordings(problem: Problem, other: Problem, model: Model, *, jumps
         if not any(depends_on_level(term.effect) for term in terms):
             break
     there = segment_records(other, other.z - drag, jump_price(other)) if jumps else None
-    searched = Series.of(problem, model.fit.jumps)
-    left, _ = searched.whitened(model.fit.residual * problem.sign, model.law)
+    left, _ = Series.of(problem, model.fit.jumps).whitened(model.fit.residual * problem.sign, model.law)
     residual = _residual(other, other.sign * (drag + float(np.mean(model.fit.level))), there)
-    whitening, variance = _whitening(other, model, there), np.full(other.size, float(np.mean(left**2)))
+    whitening = _whitening(other, model, there)
     innovations = whitening.innovations((residual * other.sign)[None])[0]
-    return _score_of(other, whitening, residual, innovations, NO_JUMPS if there is None else there, variance, BLOCKS)
+    charged, variance = NO_JUMPS if there is None else there, np.mean(left**2)
+    return _score_of(other, whitening, residual, innovations, charged, variance, BLOCKS)
 
 
-def _first_of(blocks: int, size: int) -> IntArray:
-    """Return the first sample of each of so many blocks, int64 (blocks,)."""
-    return np.linspace(0, size, blocks + 1).astype(np.int64)[:-1]
+def _edges(blocks: int, size: int) -> IntArray:
+    """Return the first sample of each of so many blocks, and the number of samples, int64 (blocks + 1,)."""
+    return np.linspace(0, size, blocks + 1).astype(np.int64)
 
 
 def _residual(problem: Problem, torque_Nm: FloatArray, jumps: IntArray | None) -> FloatArray:
@@ -415,10 +414,10 @@ def _score_of(
     residual: FloatArray,
     innovations: FloatArray,
     jumps: IntArray,
-    variance: FloatArray,
+    variance: FloatArray | np.floating,
     blocks: int,
 ) -> HeldOut:
-    """Return the scores of a residual [N m] with given jumps, under noise of a given variance, float64 (n,) [N² m²].
+    """Return the scores of a residual [N m] with given jumps, under noise of a given variance [N² m²].
 
     `innovations`: the residual less its prediction from the samples before, of that variance, float64 (n,) [N m].
     """
@@ -427,6 +426,6 @@ def _score_of(
     spread = np.sqrt(variance) * (1.0 if whitening.spread is None else whitening.spread) / whitening.gains[:, 0]
     density = -np.log(np.sqrt(2.0 * np.pi) * spread) - 0.5 * innovations**2 / variance
     np.subtract.at(density, jumps, 0.5 * JUMP_PENALTY * problem.log_size)
-    first = _first_of(blocks, series.size)
-    of_block = np.add.reduceat(density, first) / np.diff(first, append=series.size)
+    edges = _edges(blocks, series.size)
+    of_block = np.add.reduceat(density, edges[:-1]) / np.diff(edges)
     return HeldOut(float(np.sqrt(np.mean(residual**2))), float(np.mean(density)), of_block)

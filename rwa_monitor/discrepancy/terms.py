@@ -13,10 +13,7 @@ from typing import Final
 import numpy as np
 from scipy.ndimage import uniform_filter1d
 
-from rwa_monitor.discrepancy.base_fit import (
-    Fit,
-    strong_level,
-)
+from rwa_monitor.discrepancy.base_fit import Fit, strong_level
 from rwa_monitor.discrepancy.jump_terms import LEAD, SLOPE_REACH, without_pulses
 from rwa_monitor.discrepancy.likelihood import NoiseLaw
 from rwa_monitor.discrepancy.problem import Problem
@@ -340,8 +337,6 @@ class SearchResult:
         Models from the base upwards, one effect more at each step.
     testable, untestable
         The candidates that the data can test, and the names of those that they cannot, with what is missing.
-    best_rejected
-        Gain of the best candidate, where it was less than is asked; -inf where the search ended otherwise.
     found
         The effects of the last model, strongest first; none before they are judged.
     """
@@ -349,5 +344,4 @@ class SearchResult:
     nested: tuple[Model, ...]
     testable: tuple[type[MeanEffect], ...]
     untestable: tuple[tuple[str, str], ...]
-    best_rejected: float
     found: tuple[Found, ...] = ()
