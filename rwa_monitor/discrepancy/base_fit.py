@@ -262,13 +262,10 @@ def _sharp_jumps(problem: Problem, fitted: Fit) -> IntArray:
 
 def jump_sets(problem: Problem, fitted: Fit) -> list[IntArray]:
     """Return the fitted jumps, subsets of them that a missing effect is unlikely to cause, and the strong jumps."""
-    sets = [fitted.jumps]
     off_crossings = fitted.jumps[problem.to_reversal[fitted.jumps] >= REVERSAL]
     strong = strong_jumps(problem, fitted.level + fitted.residual)
-    for subset in (_sharp_jumps(problem, fitted), off_crossings, strong):
-        if not any(np.array_equal(subset, known) for known in sets):
-            sets.append(subset)
-    return sets
+    sets = fitted.jumps, _sharp_jumps(problem, fitted), off_crossings, strong
+    return list({jumps.tobytes(): jumps for jumps in sets}.values())
 
 
 def strong_jumps(problem: Problem, values: FloatArray) -> IntArray:

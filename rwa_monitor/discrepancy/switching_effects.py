@@ -242,7 +242,11 @@ def _fitted_extra(gathered: Evidence, base: _Attributed, alike: FloatArray) -> _
         if sizes[0] >= sizes[1]:  # only jumps of other sizes were attributed to it
             return None
         rest, active = (_mean_length(attributed, q, mean) for q, mean in ((0, rest), (1, active)))
-        shape = _shape_of(attributed) or shape
+        sojourns = attributed.sojourns(-1)
+        if (
+            sojourns.slots.size >= FEWEST_SOJOURNS
+        ):  # below 1, which is memoryless, jumps come in clusters, as noise does
+            shape = max(WrongDurationLaw.fit(system, sojourns).values["weibull_shape"], 1.0)
     return best
 
 
@@ -275,29 +279,14 @@ def _mean_length(attributed: _Attributed, configuration: int, none: float, sampl
     return max(float(at.mean()), 1.0) if at.size else none
 
 
-def _shape_of(attributed: _Attributed) -> float | None:
-    """Return the Weibull shape that fits the sojourns of the extra system best; None where they are too few.
-
-    At least 1, which is memoryless: a smaller one means jumps in clusters, which are noise.
-    """
-    sojourns = attributed.sojourns(-1)
-    if sojourns.slots.size < FEWEST_SOJOURNS:
-        return None
-    return max(WrongDurationLaw.fit(attributed.wheel.fss[-1], sojourns).values["weibull_shape"], 1.0)
-
-
 def _describe_extra(evidence: SwitchingEvidence, attributed: _Attributed, base: float) -> LikelihoodFit:
     sizes = attributed.wheel.torque_unit_Nm * _sizes_of_extra(attributed)
-    count = max(sizes.size, 1)
     rest, active = (law.mean() * evidence.channels.sample_period_s for law in attributed.wheel.fss[-1].durations)
-    values = {"strength_Nm": float(np.median(sizes)) if sizes.size else 0.0, "rest_s": rest, "active_s": active}
+    values = {"strength_Nm": float(np.median(sizes)), "rest_s": rest, "active_s": active}
     # The mean of a memoryless law has a relative standard deviation of 1/√count; the count is half that of the jumps.
-    of_means = float(np.sqrt(2.0 / count))
-    std = {
-        "strength_Nm": float(np.std(sizes) / np.sqrt(count)),
-        "rest_s": rest * of_means,
-        "active_s": active * of_means,
-    }
+    of_means = float(np.sqrt(2.0 / sizes.size))
+    std = {name: value * of_means for name, value in values.items()}
+    std["strength_Nm"] = float(np.std(sizes) / np.sqrt(sizes.size))
     jumps = int(np.count_nonzero(attributed.assignment.direction))
     return LikelihoodFit(values, std, max(attributed.score - base, 0.0), EXTRA_PARAMETERS, jumps)
 

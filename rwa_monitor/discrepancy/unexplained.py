@@ -235,11 +235,10 @@ def without_unnamed(
         for entry in found.found
     ]
     found = replace(found, found=tuple(possible))
-    for name in [entry.name for entry in found.found if entry.name in would_be]:
+    while (entry := next((one for one in found.found if one.name in would_be), None)) is not None:
         model = found.nested[-1]
-        index = model.names.index(name)
-        term, (entry,) = model.terms[index], [entry for entry in found.found if entry.name == name]
-        named = tuple(one for one in found.found if one is not entry and one.gain >= LEAST_NAMED_SHARE * entry.gain)
+        index, least = model.names.index(entry.name), LEAST_NAMED_SHARE * entry.gain
+        term, named = model.terms[index], tuple(one for one in found.found if one is not entry and one.gain >= least)
         terms = tuple(other for other in model.terms if other.effect.name in {one.name for one in named})
         reduced = fitting.refitted(terms, model) if terms else found.nested[0]
         assert issubclass(term.effect, UnnamedEffect)

@@ -44,17 +44,6 @@ def test_a_jump_beside_a_reversal_is_placed_to_the_sample(offset: int) -> None:
     assert abs(int(jumps[0]) - crossing - offset) <= 1  # the samples about zero are at rest
 
 
-def test_several_sets_of_jumps_together_lead_to_the_best_that_each_leads_to_alone() -> None:
-    samples, _ = record(swing(8000), jumps=(1500, 4000, 6200))
-    problem = problem_of(samples)
-    fitting = Fitting(problem, jumps=True)
-    base, starts = fitting.base(), [NO_JUMPS, np.array([1500, 6200]), np.arange(500, problem.size, 500)]
-    alone = [fitting.refitted_roughly((), base, [start]) for start in starts]
-    together = fitting.refitted_roughly((), base, starts)
-    assert together.score == min(one.score for one in alone)
-    np.testing.assert_array_equal(together.fit.jumps, min(alone, key=lambda one: one.score).fit.jumps)
-
-
 def test_a_term_is_screened_as_it_is_scored_where_nothing_is_averaged() -> None:
     problem = problem_of(record(swing(8000), jumps=(3000,))[0])
     base = Fitting(problem, jumps=True).base()
