@@ -154,7 +154,7 @@ def extend(search: Search, report_sha256: str | None = None) -> Extension:
         after,
         simulated_gain(_rmse(search, search.wheel, before), _rmse(search, wheel, after)),
         _rmse(search, wheel, after, nominal.dry_torque_Nm) if nominal else float("nan"),
-        search.result.gain is not None and search.result.gain.is_a_loss,
+        search.result.gain.is_a_loss,
     )
     # The records were searched, and are compared here, without the effects that were taken out of them.
     taken_out = (_with_errors(search, effect, report_sha256) for effect in search.taken_out)

@@ -259,30 +259,25 @@ class Fitting:
         return min(known.values(), key=lambda one: one.score)
 
     def _segmented(self, model: Model, price_factor: float = 1.0) -> IntArray:
-        """Return the best jumps given a model's coefficients, in white noise of the same long-run variance.
-
-        Where friction may not jump, those of the model are returned as they are.
-        """
-        if not self.jumps:
-            return model.fit.jumps
+        """Return the best jumps given a model's coefficients, in white noise of the same long-run variance."""
         along = model.fit.level + model.fit.residual
         jumps = segment_records(self.problem, along, price_factor * jump_price(self.problem))
         return off_reversals(self.problem, along, jumps)
 
     def refined(self, model: Model) -> Model:
         """Return a model with shapes, noise and jumps fitted in turn."""
-        best: Model | None = None
+        best, least = model, np.inf
         for _ in range(ROUNDS):
             model = scored(self.problem, model.terms, model.fit.jumps, model.law, again=self.jumps)
-            gained = np.inf if best is None else best.score - model.score
-            if best is None or gained > 0.0:
-                best = model
+            gained = least - model.score
+            if gained > 0.0:
+                best, least = model, model.score
             if gained < SETTLED or not any(term.shape or depends_on_level(term.effect) for term in model.terms):
                 break
             model = self._reshaped(model)
-            segmented = with_law(self.problem, model.terms, self._segmented(model), model.law)
-            model = min(model, segmented, key=lambda one: one.score)
-        assert best is not None
+            if self.jumps:
+                segmented = with_law(self.problem, model.terms, self._segmented(model), model.law)
+                model = min(model, segmented, key=lambda one: one.score)
         return self._with_own_level(with_exact_jumps(self.problem, best) if self.jumps else best)
 
     def _with_own_level(self, model: Model) -> Model:
