@@ -97,19 +97,22 @@ def find_discrepancy(
     lacking = untested(problem, found, mean, wheel, tried, not_shown) | silent
 
     progress("gain on held-out data")
-    scores = _scores(explained, aside, each)
+    if aside is None:
+        scores = each(partial(held_out, problem), found.nested)
+    else:
+        scores = each(partial(on_other_recordings, problem, aside, jumps=explained.jumps), found.nested)
     at_base = found.nested[0]
     if named is not None:  # the base model has no delay: it is scored on the data as measured
         base = prepare(_records_of(bench.recordings, wheel, None), wheel)
         at_base = scored(base, (), fit(base).jumps)
-        scores = (held_out(base, at_base), *scores)
+        scores = [held_out(base, at_base), *scores]
     gain = _gain(problem, at_base, found.nested[-1], scores, [name for name, _ in bench.held_out])
     verdict: Verdict = "inadequate" if effects or explained.leftover is not None else "adequate"
     if verdict == "adequate" and speed_is_constant(problem):
         verdict = "untestable"  # no law of the speed is identifiable at constant speed
     result = DiscrepancyResult(verdict, effects, explained.leftover, tuple(lacking.items()), gain)
     taken_out = tuple(effect_class(one.name)(**{key: of.value for key, of in one.parameters.items()}) for one in shown)
-    search = Search(wheel, problem, found, scores[-len(found.nested) :], result, taken_out)
+    search = Search(wheel, problem, found, tuple(scores[-len(found.nested) :]), result, taken_out)
     return _with_gain(search, simulated=extend(search).simulated) if search.extended.terms else search
 
 
@@ -202,14 +205,6 @@ def _noise_and_jumps(explained: Explained, wheel: Wheel, *, with_noise: bool) ->
     if not any(effect.comes_and_goes for effect in classes):
         explained = replace(explained, leftover=combined(drift, explained.leftover))
     return others, explained
-
-
-def _scores(explained: Explained, aside: Problem | None, each: Mapper) -> tuple[HeldOut, ...]:
-    """Return the score of each model of the nested sequence on data that it was not fitted to."""
-    problem, nested = explained.problem, explained.found.nested
-    if aside is not None:
-        return tuple(each(partial(on_other_recordings, problem, aside, jumps=explained.jumps), nested))
-    return tuple(each(partial(held_out, problem), nested))
 
 
 def _with_gain(search: Search, **more: object) -> Search:

@@ -75,11 +75,8 @@ def make_term(
     keep
         Whether to cache the columns: other models will need this shape, too.
     """
-    strengths = effect.strength_parameters()
-    key = effect.name, tuple(shape.items())
-    columns, followed = problem.columns.get(key), _followed_level(problem, effect, level, beside)
-    if columns is None and followed is not None:
-        columns = _columns_with_level(effect, shape, followed)
+    followed, key = _followed_level(problem, effect, level, beside), (effect.name, tuple(shape.items()))
+    columns = problem.columns.get(key) if followed is None else _columns_with_level(effect, shape, followed)
     if columns is None:
         by_angle = issubclass(effect, TorqueRipple) or getattr(effect, "variable", "") == "angle"
         channels = [record.undrifted if by_angle else record.channels for record in problem.records]
@@ -87,9 +84,9 @@ def make_term(
             steady = [_decorrelated_speed(record) for record in problem.records]
             channels = [replace(one, speed_rad_s=speed) for one, speed in zip(channels, steady, strict=True)]
         columns = _evaluate(problem, effect, shape, channels)
-        if keep and not depends_on_level(effect):
+        if keep:
             problem.columns.put(key, columns)
-    low, high = (np.array([getattr(p, end) for p in strengths]) for end in ("low", "high"))
+    low, high = (np.array([getattr(p, end) for p in effect.strength_parameters()]) for end in ("low", "high"))
     if not (issubclass(effect, UnnamedEffect) or effect.is_part_of_viscous):
         # No part may exceed the largest friction: parts that cancel each other would fit anything. But a part of the
         # viscous friction may, at a temperature outside of the record.
@@ -238,10 +235,8 @@ def _columns_with_level(effect: type[MeanEffect], shape: Shape, followed: Follow
 
 def available(problem: Problem, effect: type[MeanEffect]) -> str | None:
     """Return which channel an effect lacks in these records, or None when it has all."""
-    for channel in sorted(effect.needs):
-        if any(getattr(record.channels, channel) is None for record in problem.records):
-            return channel
-    return None
+    channels = [record.channels for record in problem.records]
+    return next((one for one in sorted(effect.needs) if any(getattr(of, one) is None for of in channels)), None)
 
 
 # ---- models: terms with a fit, how they grew, and what was found -----------------------------------------------------
