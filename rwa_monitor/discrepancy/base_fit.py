@@ -20,6 +20,7 @@ from typing import Final
 import numpy as np
 
 from rwa_monitor.discrepancy.derived_friction import speed_noise_taps
+from rwa_monitor.discrepancy.likelihood import SETTLED
 from rwa_monitor.discrepancy.problem import (
     Mapper,
     Noise,
@@ -39,8 +40,7 @@ from rwa_monitor.wheel.wheel import Wheel
 JUMP_PENALTY: Final = 3.0  # times log N, for position, size and sign of a jump (Zhang & Siegmund 2007 gives 3/2 · 2)
 # Factors of the jump penalty in successive alternations of segmentation and least squares. They are large at first, so
 # that contributions of the columns are not fitted by jumps while the coefficients are still inaccurate.
-ANNEALING: Final = (8.0, 3.0, 1.0, 1.0, 1.0, 1.0)
-CONVERGED: Final = 0.1  # change of the criterion
+ANNEALING: Final = (8.0, 3.0, 1.0, 1.0)
 TUKEY: Final = 4.685  # scales of the residual: 95 % efficient for Gaussian noise (Huber, Robust Statistics, 1981)
 MIN_USED: Final = 30  # fewer moving samples cannot separate a law of the speed from their noise
 HEAVY_SHARE: Final = 1e-3  # of samples beyond four standard deviations; Gaussian noise has 6e-5
@@ -163,7 +163,7 @@ def fit(problem: Problem, columns: FloatArray | None = None) -> Fit:
     """
     design = problem.speed[:, None] if columns is None else np.column_stack([problem.speed, columns])
     coefficients, best, lowest, previous = robust_coefficients(problem, design), None, np.inf, np.inf
-    for factor in ANNEALING:
+    for factor in (*ANNEALING, 1.0, 1.0):
         jumps = segment_records(problem, problem.z - design @ coefficients, factor * jump_price(problem))
         coefficients = least_squares(problem, design, jumps)
         rest = problem.z - design @ coefficients
@@ -172,7 +172,7 @@ def fit(problem: Problem, columns: FloatArray | None = None) -> Fit:
         value = criterion(problem, fitted)
         if value < lowest:
             best, lowest = fitted, value
-        if factor == 1.0 and previous - value < CONVERGED:
+        if factor == 1.0 and previous - value < SETTLED:
             break
         previous = value
     assert best is not None

@@ -164,7 +164,6 @@ def spread_of_differences(values: FloatArray, lag: int, step: float) -> float:
 
 
 FEWEST_LEVELS: Final = 3  # distinct readings from which a step can be estimated
-MOST_LEVELS: Final = 0.5  # distinct readings per sample, from which steps are finer than the noise
 
 
 @dataclass(frozen=True, slots=True)
@@ -184,7 +183,7 @@ def steps_of(samples: Samples, wheel: Wheel, name: torque_balance.Source) -> Ste
     """
     values: FloatArray = getattr(samples, name)
     readings = np.unique(values[np.isfinite(values)])
-    if not FEWEST_LEVELS <= readings.size < MOST_LEVELS * values.size:
+    if readings.size < FEWEST_LEVELS or 2 * readings.size >= values.size:  # or the steps are finer than the noise
         return None
     # A converter may have an offset: only differences of readings lie on the grid.
     step = quantisation_step(readings - readings[0])

@@ -17,7 +17,7 @@ from typing import Final
 
 import numpy as np
 
-from rwa_monitor.discrepancy.base_fit import fit, jump_price, jump_sets, segment_records, with_noise_of
+from rwa_monitor.discrepancy.base_fit import ANNEALING, fit, jump_price, jump_sets, segment_records, with_noise_of
 from rwa_monitor.discrepancy.hypotheses import split_testable
 from rwa_monitor.discrepancy.likelihood import LONG_MEMORY, NO_JUMPS, ROUNDS, NoiseLaw, Series
 from rwa_monitor.discrepancy.problem import Problem
@@ -31,7 +31,6 @@ Progress = Callable[[str], None]
 Effects = Sequence[type[MeanEffect]]
 
 EQUIVALENT_WITHIN: Final = 10.0  # of the score: docs/theory.md, "Discrepancy search", step 4
-ANNEALING: Final = (8.0, 3.0, 1.0, 1.0)  # factors on the price of a jump, in turn
 CANDIDATES_FITTED: Final = 4  # best candidates of the screening from each start, which are fitted
 CANDIDATES_REFINED: Final = 5  # best candidates after segmentation, whose shapes and noise are refitted
 LEAST_GAIN_SHARE: Final = 0.25  # of the largest gain: with less, no candidate became the best by a refinement

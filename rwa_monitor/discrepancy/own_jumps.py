@@ -108,7 +108,7 @@ def with_own_jumps(fitting: Fitting, model: Model, simpler: Model, effects: Sequ
     """
     tried = {effect.name for effect in effects}
     ways = {SlopeJumps.name: _with_slope_jumps, RelaxingJumps.name: _with_relaxing_jumps}
-    found = [with_it(fitting, model, simpler) or model for name, with_it in ways.items() if name in tried]
+    found = [with_it(fitting, model, simpler) for name, with_it in ways.items() if name in tried]
     best = min(found, key=lambda one: one.score, default=model)
     if model.score - best.score < ACCEPT_GAIN:
         return None
@@ -119,30 +119,31 @@ def with_own_jumps(fitting: Fitting, model: Model, simpler: Model, effects: Sequ
     return best if all(one.score > best.score for one in alternatives) else None
 
 
-def _with_slope_jumps(fitting: Fitting, model: Model, simpler: Model) -> Model | None:
-    """Return the best model with jumps of the viscous coefficient; None if it predicts no better, or a drift fits."""
+def _with_slope_jumps(fitting: Fitting, model: Model, simpler: Model) -> Model:
+    """Return the best model with jumps of the viscous coefficient that predicts better, and where no drift fits."""
     problem = fitting.problem
     best = _best_with(fitting, model, simpler, [_Basis(problem)])
-    if best is None:
-        return None
-    before, after = (held_out(problem, one, HELD_OUT_BLOCKS).log_score for one in (model, best))
-    if after <= before:
-        return None
+
+    def log_score(one: Model) -> float:
+        return held_out(problem, one, HELD_OUT_BLOCKS).log_score
+
+    if best is model or log_score(best) <= log_score(model):
+        return model
     drifting = fitting.refitted((*best.terms[:-1], _drifting(problem, best.terms[-1])), best, [best.fit.jumps])
-    return best if drifting.score > best.score else None
+    return best if drifting.score > best.score else model
 
 
-def _with_relaxing_jumps(fitting: Fitting, model: Model, simpler: Model) -> Model | None:
+def _with_relaxing_jumps(fitting: Fitting, model: Model, simpler: Model) -> Model:
     """Return the best model with drag that jumps and relaxes, over all time constants."""
     low, high = shape_limits(fitting.problem, DecayingJumpTerm)["time_constant_s"]
     if not low < high:
-        return None
+        return model
     seconds = np.geomspace(low, high, int(np.log(high / low) / np.log(RATIO)) + 2).tolist()
     return _best_with(fitting, model, simpler, [_Basis(fitting.problem, one) for one in seconds])
 
 
-def _best_with(fitting: Fitting, model: Model, simpler: Model, bases: Sequence[_Basis]) -> Model | None:
-    """Return the best model with multiples of one of the basis functions, or None where none gains enough.
+def _best_with(fitting: Fitting, model: Model, simpler: Model, bases: Sequence[_Basis]) -> Model:
+    """Return the best model with multiples of one of the basis functions; as it is where none gains enough.
 
     Starts from the given model without the catalogue's effect of the same name, and from the simpler model: effects of
     the given one may only mimic such jumps.
@@ -156,7 +157,7 @@ def _best_with(fitting: Fitting, model: Model, simpler: Model, bases: Sequence[_
         best = min(rough, key=lambda one: one.score, default=start)
         if start.score - best.score > LEAST_GAIN_SHARE * max(start.score - model.score, 0.0):
             found.append(prune(fitting, fitting.refined(best), keep_last=True))
-    return min(found, key=lambda one: one.score, default=None)
+    return min(found, key=lambda one: one.score, default=model)
 
 
 # ---- where the multiple changes --------------------------------------------------------------------------------------

@@ -25,7 +25,7 @@ from rwa_monitor.discrepancy.score import wald
 from rwa_monitor.discrepancy.terms import Found, Model, SearchResult
 
 MAX_EFFECTS: Final = 4
-WORTH_SWAPPING: Final = 1.0  # decrease of the score from which an exchange is made
+WORTH_SWAPPING: Final = 2.0 * SETTLED  # decrease of the score from which an exchange is made: two fits settled
 
 
 def search(fitting: Fitting, effects: Effects, progress: Progress = lambda _: None) -> SearchResult:
