@@ -22,7 +22,7 @@ from rwa_monitor.discrepancy.fitting import (
 )
 from rwa_monitor.discrepancy.likelihood import least_gain
 from rwa_monitor.discrepancy.score import wald
-from rwa_monitor.discrepancy.terms import Found, Model, SearchResult
+from rwa_monitor.discrepancy.terms import Found, Model, SearchResult, nested_to
 
 MAX_EFFECTS: Final = 4
 WORTH_SWAPPING: Final = 2.0 * SETTLED  # decrease of the score from which an exchange is made: two fits settled
@@ -101,7 +101,7 @@ def rank(fitting: Fitting, grown: SearchResult, progress: Progress) -> SearchRes
     """
     significant = _without_insignificant(fitting, grown.nested[-1])
     model, found = _swap(fitting, significant, grown.testable, progress), []
-    grown = replace(grown, nested=(*(one for one in grown.nested if set(one.names) < set(model.names)), model))
+    grown = replace(grown, nested=nested_to(model, grown.nested))
     for index, name in enumerate(model.names):
         progress(f"in the place of {name}")
         alternatives = fitting.replacements(model, index, grown.testable)

@@ -303,6 +303,11 @@ class Model:
         return float(own @ own) < MODEL_ERROR**2 * largest
 
 
+def nested_to(model: Model, nested: Sequence[Model]) -> tuple[Model, ...]:
+    """Return a model after those of the nested ones that have fewer effects, and none that it has not."""
+    return *(one for one in nested if set(one.names) < set(model.names)), model
+
+
 @dataclass(frozen=True, slots=True)
 class Found:
     """One effect that the search accepted.

@@ -7,7 +7,6 @@ named effect that is not needed given the curve only mimicked it, and is withdra
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import replace
 from itertools import pairwise
 from typing import Final
@@ -18,7 +17,7 @@ from rwa_monitor.discrepancy.base_fit import remove_levels, segment_starts, stro
 from rwa_monitor.discrepancy.fitting import Fitting
 from rwa_monitor.discrepancy.likelihood import ACCEPT_GAIN
 from rwa_monitor.discrepancy.problem import Problem
-from rwa_monitor.discrepancy.terms import Model, SearchResult, Term, make_term
+from rwa_monitor.discrepancy.terms import Model, SearchResult, Term, make_term, nested_to
 from rwa_monitor.discrepancy.unnamed import (
     CURVES,
     UNNAMED,
@@ -61,22 +60,23 @@ def judge_leftover(fitting: Fitting, found: SearchResult) -> tuple[SearchResult,
         return found, None, model
     curve = best.terms[-1]
     kept = [i for i in range(len(model.terms)) if fitting.without(best, i).score - best.score >= ACCEPT_GAIN]
-    size = _size(problem, best, len(best.terms) - 1)
-    unexplained = Unexplained(signature=curve.effect.signature, size_Nm=size)
     if issubclass(curve.effect, Periodic):
         unexplained = _periodic_finding(problem, model, curve)
+    else:
+        size = _size(problem, best, len(best.terms) - 1)
+        unexplained = Unexplained(signature=curve.effect.signature, size_Nm=size)
     if len(kept) == len(model.terms):
         return found, unexplained, best
     terms = tuple(model.terms[i] for i in kept)
     reduced = fitting.refitted(terms, best)
     alone = fitting.refitted((*terms, curve), best, [best.fit.jumps])
-    # A curve over the same quantity makes any law superfluous, even the right one.
-    if reduced.score - model.score > EXPLAINED_SHARE * (reduced.score - alone.score):
+    # A curve over the same quantity makes any law superfluous, even the right one; and where the noise is far less, a
+    # small misfit of that law is significant.
+    gains_most = reduced.score - model.score > EXPLAINED_SHARE * (reduced.score - alone.score)
+    if gains_most or explains_most(reduced, model, alone):
         return found, unexplained, best
-    if explains_most(reduced, model, alone):
-        return found, unexplained, best  # its small misfit is significant only as the noise is far less
     left = tuple(entry for entry in found.found if entry.name in reduced.names)
-    return replace(found, nested=(*nested_below(found.nested, reduced), reduced), found=left), unexplained, best
+    return replace(found, nested=nested_to(reduced, found.nested), found=left), unexplained, best
 
 
 def combined(one: Unexplained | None, other: Unexplained | None) -> Unexplained | None:
@@ -144,15 +144,13 @@ def slow_drag(problem: Problem, model: Model) -> Unexplained | None:
     to slot) within some sixty slots. What lasts longer is drag that no effect explains.
     """
     strong = strong_jumps(problem, model.fit.level + model.fit.residual).size
-    weak = model.fit.jumps.size - strong
-    creeping = model.fit.level - strong_level(problem, model.fit.level)
-    steps = weak >= FEWEST_STEPS and weak >= STEPS_TO_JUMPS * strong
+    weak, variance = model.fit.jumps.size - strong, 0.0
+    if weak >= FEWEST_STEPS and weak >= STEPS_TO_JUMPS * strong:
+        variance += float(np.var(model.fit.level - strong_level(problem, model.fit.level)))
     lasting = _lasting_variance(problem, model.fit.residual)
-    persists = lasting > LASTING_SHARE * float(np.var(model.fit.residual))
-    if not steps and not persists:
-        return None
-    size = float(np.sqrt(np.var(creeping) * steps + lasting * persists))
-    return Unexplained(signature="a drag that wanders with time", size_Nm=size)
+    if lasting > LASTING_SHARE * float(np.var(model.fit.residual)):
+        variance += lasting
+    return Unexplained(signature="a drag that wanders with time", size_Nm=float(variance**0.5)) if variance else None
 
 
 def _lasting_variance(problem: Problem, residual: FloatArray) -> float:
@@ -246,13 +244,8 @@ def without_unnamed(
         in_words = term.effect.in_words(term.shape) + "".join(f", or {other} as well" for other in others)
         size = _size(fitting.problem, model, index)
         left = combined(left, Unexplained(signature=in_words, size_Nm=size))
-        found = replace(found, nested=(*nested_below(found.nested, reduced), reduced), found=named)
+        found = replace(found, nested=nested_to(reduced, found.nested), found=named)
     return found, left
-
-
-def nested_below(nested: Sequence[Model], model: Model) -> list[Model]:
-    """Return the nested models that have fewer effects than another, and none that it has not."""
-    return [one for one in nested if set(one.names) <= set(model.names) and len(one.terms) < len(model.terms)]
 
 
 def _size(problem: Problem, model: Model, index: int) -> float:
