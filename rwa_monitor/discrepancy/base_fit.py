@@ -125,10 +125,15 @@ def _memory(problem: Problem) -> float:
     return float(np.clip(seen, 1.0, of_filter))
 
 
+def pieces(problem: Problem) -> list[slice]:
+    """Return where the samples of each record are among the joined ones; records without samples are left out."""
+    return [slice(begin, end) for begin, end in pairwise(problem.starts.tolist()) if end > begin]
+
+
 def with_noise_of(problem: Problem, residual: FloatArray) -> Problem:
     """Return the problem with the noise estimated from a model's residual, float64 (n,) [N m]."""
-    pieces = [residual[a:b] for a, b in pairwise(problem.starts) if b > a]
-    noise, smallest = estimate_noise(pieces), problem.smallest_noise_Nm
+    noise = estimate_noise([residual[piece] for piece in pieces(problem)])
+    smallest = problem.smallest_noise_Nm
     if noise.std < smallest:
         noise = Noise(smallest, np.append(smallest**2, np.zeros(noise.autocovariance.size - 1)), smallest**2)
     return replace(problem, noise=noise)
@@ -142,11 +147,10 @@ def _clip(problem: Problem) -> Problem:
     far = problem.to_reversal > REVERSAL_REACH
     slope = fit(problem).coefficients[0] * problem.speed
     clipped = problem.z.copy()
-    for a, b in pairwise(problem.starts):
-        if b > a:
-            inside, outliers = clip_outliers((problem.z - slope)[a:b], problem.noise.std)
-            outliers &= far[a:b]
-            clipped[a:b][outliers] = (inside + slope[a:b])[outliers]
+    for piece in pieces(problem):
+        inside, outliers = clip_outliers((problem.z - slope)[piece], problem.noise.std)
+        outliers &= far[piece]
+        clipped[piece][outliers] = (inside + slope[piece])[outliers]
     share = float(np.mean(clipped[far] != problem.z[far])) if far.any() else 0.0
     return replace(problem, z=clipped, clipped_share=share) if share > HEAVY_SHARE else problem
 
@@ -285,8 +289,7 @@ def strong_level(problem: Problem, level: FloatArray) -> FloatArray:
 
 def segment_records(problem: Problem, values: FloatArray, penalty: float) -> IntArray:
     """Segment each record separately and return the joined indices of the jumps."""
-    found = [segment(values[begin:end], penalty) + begin for begin, end in pairwise(problem.starts) if end > begin]
-    return np.concatenate(found).astype(np.int64)
+    return np.concatenate([segment(values[piece], penalty) + piece.start for piece in pieces(problem)])
 
 
 # ---- exact penalised segmentation of a sequence into levels: functional pruning optimal partitioning -----------------

@@ -12,7 +12,6 @@ from __future__ import annotations
 from collections.abc import Callable, Hashable, Sequence
 from dataclasses import replace
 from functools import partial
-from itertools import pairwise
 from typing import Final
 
 import numpy as np
@@ -82,11 +81,11 @@ class Fitting:
 
         Where friction may jump, an effect must differ from a level per recording; jumps may absorb still more.
         """
-        problem, at = self.problem, np.arange(self.problem.size)
+        problem = self.problem
         known = Series.of(problem).base
         if self.jumps:
-            levels = [(at >= a) & (at < b) for a, b in pairwise(problem.starts.tolist()) if b > a]
-            known = np.vstack([problem.speed, *levels]) * problem.sign
+            of = np.repeat(np.arange(len(problem.records)), np.diff(problem.starts))
+            known = np.vstack([problem.speed, *(of == record for record in np.unique(of))]) * problem.sign
         return split_testable(problem, known, effects, base.fit.level)
 
     def settled(self, model: Model) -> Model:

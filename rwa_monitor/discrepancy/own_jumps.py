@@ -12,12 +12,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from itertools import pairwise
 from typing import ClassVar, Final
 
 import numpy as np
 
-from rwa_monitor.discrepancy.base_fit import JUMP_PENALTY, jump_price
+from rwa_monitor.discrepancy.base_fit import JUMP_PENALTY, jump_price, pieces
 from rwa_monitor.discrepancy.fitting import LEAST_GAIN_SHARE, Fitting, off_steps
 from rwa_monitor.discrepancy.jump_terms import DecayingJumpTerm, JumpTerm
 from rwa_monitor.discrepancy.likelihood import ACCEPT_GAIN
@@ -201,12 +200,12 @@ def _segmented(basis: _Basis, model: Model) -> Term | None:
     problem = basis.problem
     values, price = model.fit.level + model.fit.residual, jump_price(problem)
     cuts: list[int] = []
-    for begin, end in pairwise(problem.starts.tolist()):
-        if end > begin:
-            width = max((end - begin) // BLOCKS, 1)
-            first = np.arange(begin, end, width)
-            found = first[optimal_curves(_sums(basis, values, first, end), np.append(basis.keep(first), 1.0), price)]
-            cuts += [begin, *_refined_cuts(basis, values, np.concatenate([[begin], found, [end]]), width)]
+    for piece in pieces(problem):
+        begin, end = piece.start, piece.stop
+        width = max((end - begin) // BLOCKS, 1)
+        first = np.arange(begin, end, width)
+        found = first[optimal_curves(_sums(basis, values, first, end), np.append(basis.keep(first), 1.0), price)]
+        cuts += [begin, *_refined_cuts(basis, values, np.concatenate([[begin], found, [end]]), width)]
     places = _merged_changes(basis, values, np.array(cuts, dtype=np.int64), price)
     return _term(basis, places) if 0 < places.size <= MOST_CHANGES else None
 

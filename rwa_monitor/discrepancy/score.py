@@ -22,6 +22,7 @@ from rwa_monitor.discrepancy.base_fit import (
     Fit,
     jump_price,
     levels,
+    pieces,
     remove_levels,
     segment_correlated,
     segment_records,
@@ -79,8 +80,8 @@ def with_exact_jumps(problem: Problem, model: Model) -> Model:
     variance = series.memory * float(np.mean((model.fit.residual / spread) ** 2)) * spread**2
     along, slot = model.fit.level + model.fit.residual, np.cumsum(np.maximum(series.gap, 1))
     apart, jumps = np.flatnonzero(problem.to_reversal >= REVERSAL), [NO_JUMPS]
-    for a, b in pairwise(problem.starts.tolist()):
-        kept = apart[(apart >= a) & (apart < b)]
+    for piece in pieces(problem):
+        kept = apart[(apart >= piece.start) & (apart < piece.stop)]
         if kept.size:
             flips = np.append(1.0, series.sign[kept[1:]] * series.sign[kept[:-1]])
             correlation = flips * law.memory ** np.diff(slot[kept], prepend=slot[kept[0]] - 1)

@@ -8,12 +8,11 @@ named effect that is not needed given the curve only mimicked it, and is withdra
 from __future__ import annotations
 
 from dataclasses import replace
-from itertools import pairwise
 from typing import Final
 
 import numpy as np
 
-from rwa_monitor.discrepancy.base_fit import remove_levels, segment_starts, strong_jumps, strong_level
+from rwa_monitor.discrepancy.base_fit import pieces, remove_levels, segment_starts, strong_jumps, strong_level
 from rwa_monitor.discrepancy.fitting import Fitting
 from rwa_monitor.discrepancy.likelihood import ACCEPT_GAIN
 from rwa_monitor.discrepancy.problem import Problem
@@ -156,12 +155,10 @@ def slow_drag(problem: Problem, model: Model) -> Unexplained | None:
 def _lasting_variance(problem: Problem, residual: FloatArray) -> float:
     """Return the mean autocovariance of a residual over LASTING_LAGS, within records, at least zero [N² m²]."""
     products, pairs = 0.0, 0
-    for begin, end in pairwise(problem.starts):
-        piece = residual[begin:end] - residual[begin:end].sum() / max(end - begin, 1)
+    for values in (residual[piece] - residual[piece].mean() for piece in pieces(problem)):
         for lag in LASTING_LAGS:
-            if piece.size > lag:
-                products += float(piece[lag:] @ piece[:-lag])
-                pairs += piece.size - lag
+            products += float(values[lag:] @ values[:-lag])
+            pairs += max(values.size - lag, 0)
     return max(products / max(pairs, 1), 0.0)
 
 
