@@ -247,21 +247,18 @@ def _merged_changes(basis: _Basis, values: FloatArray, first: IntArray, price: f
     """
     n, x, z, xx, xz, _ = _sums(basis, values, first, values.size)
     energy = np.maximum(xx - x * x / n, LOST_DIGITS * xx.max())  # relative to each segment's beginning
-    # The multiple of a segment is the sum of the changes up to it, each times what is left of it there.
-    left = np.eye(first.size)
-    for i, keep in enumerate(basis.keep(first)):
-        left[i + 1] += keep * left[i]
-    inverse = np.linalg.inv(left.T @ (energy[:, None] * left))
-    change = inverse @ (left.T @ (xz - x * z / n))
+    # A change is a multiple less what is left there of the one before.
+    step = np.eye(first.size) - np.diag(basis.keep(first), -1)
+    change, covariance = step @ ((xz - x * z / n) / energy), (step / energy) @ step.T
     given = 0 if basis.relaxes else 1  # multiples that are no changes: before the first jump there is nothing to relax
     while first.size > given:
-        costs = change[given:] ** 2 / inverse.diagonal()[given:]
+        costs = change[given:] ** 2 / covariance.diagonal()[given:]
         i = given + int(np.argmin(costs))
         if costs[i - given] >= price:
             break
-        change = np.delete(change - inverse[i] * (change[i] / inverse[i, i]), i)
-        inverse = np.delete(np.delete(inverse - np.outer(inverse[i], inverse[i]) / inverse[i, i], i, 0), i, 1)
-        first = np.delete(first, i)
+        share = covariance[i] / covariance[i, i]
+        change, first = np.delete(change - share * change[i], i), np.delete(first, i)
+        covariance = np.delete(np.delete(covariance - np.outer(share, covariance[i]), i, 0), i, 1)
     return first[change > 0.0] if basis.relaxes else first[1:]
 
 
