@@ -145,12 +145,11 @@ class Fitting:
         """Return what `refitted` refines: a model with the shapes as given and the noise law of the similar model."""
         return self._annealed(tuple(terms), jumps or self._starts(near), near.law)
 
-    def with_common_level(self, model: Model) -> Model | None:
-        """Return the model with one level for all recordings, not separate ones; None where it has jumps, or one."""
-        law = model.law
-        if self.jumps or law.level_spread == 0.0:
-            return None
-        return self.refined(self._annealed(model.terms, [NO_JUMPS], replace(law, level_spread=0.0)))
+    def with_common_level(self, model: Model) -> list[Model]:
+        """Return the model with one level for all recordings, not separate ones; none where it has jumps, or one."""
+        if self.jumps or model.law.level_spread == 0.0:
+            return []
+        return [self.refined(self._annealed(model.terms, [NO_JUMPS], replace(model.law, level_spread=0.0)))]
 
     def equivalents(self, model: Model, index: int, effects: Effects) -> list[str]:
         """Return the names of effects that are as good in place of a term, with jumps and level of the model kept.
@@ -301,19 +300,19 @@ class Fitting:
 
         A jump at a step of a term's own columns may be that step: it is removed where that lowers the score.
         """
-        terms, jumps, law = list(self._with_updated_columns(model)), model.fit.jumps, model.law
+        terms, jumps = list(self._with_updated_columns(model)), model.fit.jumps
         for i, term in enumerate(terms):
             if term.shape:
                 others = (*terms[:i], *terms[i + 1 :])
                 fitted = []
                 for kept in _distinct(jumps, off_steps(term, jumps)):
-                    beside = Background.of(self.problem, others, law, kept)
+                    beside = Background.of(self.problem, others, model.law, kept)
                     fitted.append((*profile(beside, model.fit.level, term.effect, around=term), kept))
                 terms[i], _, jumps = min(fitted, key=lambda one: one[1])
         fewer = jumps
         for term in terms:
             fewer = off_steps(term, fewer) if term.shape else fewer
-        models = [with_law(self.problem, terms, kept, law) for kept in _distinct(jumps, fewer)]
+        models = [with_law(self.problem, terms, kept, model.law) for kept in _distinct(jumps, fewer)]
         return min(models, key=lambda one: one.score)
 
 

@@ -141,8 +141,7 @@ def prune(fitting: Fitting, model: Model, *, keep_last: bool = False) -> Model:
         simpler = [fitting.without(model, index) for index in range(len(model.terms) - keep_last)]
         minor = [one for index, one in enumerate(simpler) if model.is_minor(index, fitting.problem.sign)]
         minor = minor or [one for one in simpler if not predicts(fitting.problem, model, one)]
-        plainer = None if keep_last or minor else fitting.with_common_level(model)
-        tried = minor or ([*simpler, plainer] if plainer is not None else simpler)
+        tried = minor or (simpler if keep_last else [*simpler, *fitting.with_common_level(model)])
         best = min(tried, key=lambda one: one.score, default=None)
         least = least_gain(fitting.problem, len(model.terms) - 1)
         if best is None or (not minor and best.score - model.score >= least):

@@ -6,7 +6,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Final
 
@@ -97,6 +97,7 @@ def make_term(
     return Term(effect, dict(shape), columns, low, high, _price(problem, effect, shape))
 
 
+@dataclass(eq=False)
 class FollowedLevel:
     """A dry level with only its strong jumps, for level-dependent columns, and its channels; see `_followed_level`.
 
@@ -110,11 +111,10 @@ class FollowedLevel:
         float64 (n,), the level at the joined samples, and the torque of the effects along the rotation [N m].
     """
 
-    def __init__(self, problem: Problem, level: FloatArray, beside: FloatArray) -> None:
-        self.problem = problem
-        self.level = level
-        self.beside = beside
-        self._cleaned: dict[float, FollowedLevel] = {}
+    problem: Problem
+    level: FloatArray
+    beside: FloatArray
+    _cleaned: dict[float, FollowedLevel] = field(default_factory=dict)
 
     def without_pulses(self, lead: float) -> FollowedLevel:
         """Return the level with its pulses removed, see `jump_terms`."""

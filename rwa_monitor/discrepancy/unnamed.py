@@ -36,8 +36,8 @@ SHORTEST_RAD: Final = 60.0  # some ten turns: what decays sooner is a bristle or
 STEPS_BETWEEN: Final = (0.02, 0.98)  # quantiles of the speed
 
 
-def _shown_lag(channels: Channels) -> tuple[float, float]:
-    return FASTEST_S, LONGEST_SHARE * channels.duration_s
+def _slowest_s(channels: Channels) -> float:
+    return LONGEST_SHARE * channels.duration_s
 
 
 def _shown_angle(channels: Channels) -> tuple[float, float]:
@@ -112,7 +112,7 @@ class HeatOfMotion(UnnamedEffect):
         *(Parameter(f"thinning_{i}_Nm", "N m", -np.inf, 0.0, -1e-4, linear=True) for i in range(4)),
         *(Parameter(f"curvature_{i}_Nm", "N m", 0.0, np.inf, 0.0, linear=True) for i in range(2)),
         *_free("start_Nm"),
-        Parameter("time_constant_s", "s", FASTEST_S, 7200.0, 1000.0, shown=_shown_lag),
+        Parameter("time_constant_s", "s", FASTEST_S, 7200.0, 1000.0, shown=lambda c: (FASTEST_S, _slowest_s(c))),
     )
 
     @classmethod
@@ -120,7 +120,7 @@ class HeatOfMotion(UnnamedEffect):
         """Return whether viscous self-heating is possible: no temperature channel, several speeds, time to warm up."""
         channels = [record.channels for record in problem.records]
         unknown = all(one.bearing_temperature_degC is None for one in channels)
-        lasting = LONGEST_SHARE * max(one.duration_s for one in channels) > FASTEST_S
+        lasting = max(map(_slowest_s, channels)) > FASTEST_S
         return unknown and not problem.at_one_speed and lasting
 
     @classmethod
