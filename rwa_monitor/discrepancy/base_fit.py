@@ -20,7 +20,7 @@ from typing import Final
 import numpy as np
 
 from rwa_monitor.discrepancy.derived_friction import speed_noise_taps
-from rwa_monitor.discrepancy.likelihood import SETTLED
+from rwa_monitor.discrepancy.likelihood import SETTLED, Equations
 from rwa_monitor.discrepancy.problem import (
     Mapper,
     Noise,
@@ -216,21 +216,14 @@ def least_squares(problem: Problem, design: FloatArray, jumps: IntArray) -> Floa
 
 def _solve_normal_equations(problem: Problem, gram: FloatArray, moment: FloatArray) -> FloatArray:
     """Solve the normal equations; the first coefficient, of viscous friction, is at least `problem.lowest_viscous`."""
-    scale = np.sqrt(np.maximum(gram.diagonal(), TINY))
+    low, gram, moment = np.full(moment.size, -np.inf), gram.copy(), moment.copy()
+    low[0] = problem.lowest_viscous
     # A prior on the slope with the weight of 1/1000 sample at the largest speed: it decides only where the data cannot.
     if problem.nominal_viscous is not None:
         weight = problem.top_speed**2 * 1e-3
-        gram, moment = gram.copy(), moment.copy()
         gram[0, 0] += weight
         moment[0] += weight * problem.nominal_viscous
-        scale[0] = np.sqrt(gram[0, 0])
-    normalised, target = gram / (scale[:, None] * scale), moment / scale
-    solution: FloatArray = np.linalg.lstsq(normalised, target, rcond=1e-10)[0] / scale
-    if solution[0] < problem.lowest_viscous:
-        solution[0] = problem.lowest_viscous
-        left = target[1:] - normalised[1:, 0] * (solution[0] * scale[0])
-        solution[1:] = np.linalg.lstsq(normalised[1:, 1:], left, rcond=1e-10)[0] / scale[1:]
-    return solution
+    return Equations(gram, moment, 0.0, low, np.full(moment.size, np.inf), 1, 0.0).solve()[0]
 
 
 def robust_coefficients(problem: Problem, design: FloatArray) -> FloatArray:
