@@ -257,6 +257,6 @@ def _rmse(search: Search, wheel: Wheel, law: BaseLaw, dry_Nm: float | None = Non
         torques.append(torque)
     rest: FloatArray = problem.z - problem.sign * problem.gather(torques)
     if added.effect:  # jumps of these records are fitted, as levels are: a wheel file has their law, not their times
-        rest = rest - search.extended.of_own_jumps(problem.size)
+        rest = rest - search.extended.of_own_jumps
     inner = remove_levels(rest, segment_starts(problem, search.extended.fit.jumps)) if dry_Nm is None else rest - dry_Nm
     return float(np.sqrt(np.mean(inner**2)))

@@ -68,10 +68,9 @@ class SlopeJumps(OwnJumps, wraps=ViscousJump):
     def nearest(cls, problem: Problem, model: Model, index: int) -> dict[str, ParameterValue]:
         """Return the strength of `viscous_jump`, whose slopes follow the dry level, that fits these slopes best."""
         (parameter,) = ViscousJump.parameters
-        torque = model.terms[index].columns @ model.strengths(index)
         # Slopes are relative to that of one segment: their common part belongs to the base law.
         design = np.stack([problem.speed, model.fit.level * problem.speed], axis=1)
-        strength = float(np.clip(np.linalg.lstsq(design, torque)[0][1], parameter.low, parameter.high))
+        strength = float(np.clip(np.linalg.lstsq(design, model.torque(index))[0][1], parameter.low, parameter.high))
         note = "the coefficient's jumps are not in proportion to those of the dry friction"
         return {parameter.name: ParameterValue(strength, None, parameter.unit, note)}
 

@@ -266,7 +266,7 @@ def wald(problem: Problem, model: Model) -> FloatArray:
     """
     if problem.size < SEGMENTS * MAX_LAG:
         return np.full(len(model.terms), np.inf)
-    torques = np.column_stack([term.columns @ model.strengths(i) for i, term in enumerate(model.terms)])
+    torques = np.column_stack([model.torque(i) for i in range(len(model.terms))])
     std = standard_deviations(problem, model, np.column_stack([torques, problem.speed]))[:-1]
     squares = np.where(torques.any(axis=0), 1.0 / np.maximum(std**2, TINY), 0.0)
     return np.where([term.effect.family == "switching" for term in model.terms], np.inf, squares)
@@ -344,7 +344,7 @@ class HeldOut:
 
 def held_out(problem: Problem, model: Model, blocks: int = BLOCKS) -> HeldOut:
     """Score a model on blocks of time, each with the strengths and the slope fitted to the other blocks."""
-    problem = replace(problem, z=problem.z - model.of_own_jumps(problem.size))
+    problem = replace(problem, z=problem.z - model.of_own_jumps)
     places = [term.places for term in model.terms if term.places is not None]
     series = Series.of(problem, model.fit.jumps)
     rows, low, high = regressors(series, [term for term in model.terms if term.places is None])

@@ -276,12 +276,15 @@ class Model:
         begin = 1 + sum(term.columns.shape[1] for term in self.terms[:index])
         return self.fit.coefficients[begin : begin + self.terms[index].columns.shape[1]]
 
-    def of_own_jumps(self, size: int) -> FloatArray:
-        """Return the torque of jumps that are of these records alone (`Term.places`), float64 (size,) [N m]."""
-        torque = np.zeros(size)
-        for i, term in enumerate(self.terms):
-            torque += term.columns @ self.strengths(i) if term.places is not None else 0.0
-        return torque
+    def torque(self, index: int) -> FloatArray:
+        """Return the torque of term `index` along the rotation, float64 (n,) [N m]."""
+        return np.asarray(self.terms[index].columns @ self.strengths(index))
+
+    @property
+    def of_own_jumps(self) -> FloatArray:
+        """The torque of jumps that are of these records alone (`Term.places`), float64 (n,) [N m]."""
+        own = (self.torque(i) for i, term in enumerate(self.terms) if term.places is not None)
+        return sum(own, np.zeros_like(self.fit.level))
 
     def is_minor(self, index: int, sign: FloatArray) -> bool:
         """Return whether a term's torque, where it acts, is within MODEL_ERROR of the largest other term's.
@@ -296,7 +299,7 @@ class Model:
             float64 (n,), direction of rotation. The means of the others do not count: a constant has no model error.
         """
         opposite = {"odd": "even", "even": "odd"}.get(self.terms[index].effect.parity) if np.ptp(sign) else None
-        torques = [(term, sign * (term.columns @ self.strengths(i))) for i, term in enumerate(self.terms)]
+        torques = [(term, sign * self.torque(i)) for i, term in enumerate(self.terms)]
         own = torques.pop(index)[1] ** 2
         others = [torque - torque.mean() for term, torque in torques if term.effect.parity != opposite]
         largest = max((float(own @ other**2) for other in others), default=0.0)

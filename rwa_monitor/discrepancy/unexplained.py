@@ -248,7 +248,7 @@ def without_unnamed(
 def _size(problem: Problem, model: Model, index: int) -> float:
     """Return the RMS of a term's torque after removal of levels and slope [N m]."""
     first = segment_starts(problem, model.fit.jumps)
-    torque = remove_levels(model.terms[index].columns @ model.strengths(index), first)
+    torque = remove_levels(model.torque(index), first)
     speed_part = remove_levels(problem.speed, first)
     torque = torque - speed_part * float(speed_part @ torque) / max(float(speed_part @ speed_part), TINY)
     return float(np.sqrt(np.mean(torque**2)))
