@@ -113,7 +113,21 @@ class Fitting:
 
     def counts(self, model: Model, current: Model) -> bool:
         """Return whether the last effect of a model is not minor (`Model.is_minor`) and predicts held-out data."""
-        return not model.is_minor(-1, self.problem.sign) and predicts(self.problem, model, current)
+        return not model.is_minor(-1, self.problem.sign) and self.predicts(model, current)
+
+    def predicts(self, model: Model, simpler: Model) -> bool:
+        """Return whether a model predicts held-out blocks better than a simpler one does, or has fewer jumps.
+
+        Better is a smaller RMSE, or a higher log score, of all blocks or in MOST_BLOCKS of them: a block at the end of
+        a sweep is an extrapolation. A few samples at changes of direction may decide the RMSE, the noise law the log
+        score.
+        """
+        if model.fit.jumps.size < simpler.fit.jumps.size:
+            return True
+        with_it, without = held_out(self.problem, model), held_out(self.problem, simpler)
+        likelier = np.count_nonzero(with_it.block_log_scores > without.block_log_scores)
+        better = with_it.rmse_Nm < without.rmse_Nm or with_it.log_score > without.log_score
+        return better or bool(likelier >= MOST_BLOCKS)
 
     def replacements(self, model: Model, index: int, effects: Effects) -> list[Model]:
         """Return the model with each effect that comes near to term `index` in place of that term, best first."""
@@ -203,7 +217,7 @@ class Fitting:
             gain = max((current.score - one.score for one in started), default=0.0)
             started = [one for one in started if gain < 0.0 or current.score - one.score >= LEAST_GAIN_SHARE * gain]
         refined = self.problem.each(lambda one: self._plainer_shape(self.refined(one)), started)
-        possible = [one for one in refined if is_possible(one) and _fits_as_well(one, current)]
+        possible = [one for one in refined if one.is_possible and _fits_as_well(one, current)]
         return _best_of_each([one for one in possible if all_of_them or self.counts(one, current)])
 
     def _at_thresholds(self, current: Model, effect: type[MeanEffect]) -> list[tuple[Term, IntArray]]:
@@ -330,12 +344,6 @@ def _ar1_coefficient(residual: FloatArray) -> float:
     return float(np.clip(far**2 / max(near**2, TINY) - 1.0, 0.0, LONG_MEMORY))
 
 
-def is_possible(model: Model) -> bool:
-    """Return whether all strengths are physically possible, given the dry and viscous friction of the model."""
-    dry, viscous = float(model.fit.level.mean()), float(model.fit.coefficients[0])
-    return all(term.effect.is_possible(model.strengths(i), dry, viscous) for i, term in enumerate(model.terms))
-
-
 def _fits_as_well(model: Model, current: Model) -> bool:
     """Return whether a model has fewer jumps than the current one, or at most MOST_RSS_RATIO times its sum of squares.
 
@@ -343,20 +351,6 @@ def _fits_as_well(model: Model, current: Model) -> bool:
     and predict a slow friction that is not there.
     """
     return model.fit.jumps.size < current.fit.jumps.size or model.fit.rss <= MOST_RSS_RATIO * current.fit.rss
-
-
-def predicts(problem: Problem, model: Model, simpler: Model) -> bool:
-    """Return whether a model predicts held-out blocks better than a simpler one does, or has fewer jumps.
-
-    Better is a smaller RMSE, or a higher log score, of all blocks or in MOST_BLOCKS of them: a block at the end of a
-    sweep is an extrapolation. A few samples at changes of direction may decide the RMSE, the noise law the log score.
-    """
-    if model.fit.jumps.size < simpler.fit.jumps.size:
-        return True
-    with_it, without = held_out(problem, model), held_out(problem, simpler)
-    likelier = np.count_nonzero(with_it.block_log_scores > without.block_log_scores)
-    better = with_it.rmse_Nm < without.rmse_Nm or with_it.log_score > without.log_score
-    return better or bool(likelier >= MOST_BLOCKS)
 
 
 def off_steps(term: Term, jumps: IntArray) -> IntArray:

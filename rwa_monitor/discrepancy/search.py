@@ -11,15 +11,7 @@ from typing import Final
 
 import numpy as np
 
-from rwa_monitor.discrepancy.fitting import (
-    EQUIVALENT_WITHIN,
-    SETTLED,
-    Effects,
-    Fitting,
-    Progress,
-    is_possible,
-    predicts,
-)
+from rwa_monitor.discrepancy.fitting import EQUIVALENT_WITHIN, SETTLED, Effects, Fitting, Progress
 from rwa_monitor.discrepancy.likelihood import least_gain
 from rwa_monitor.discrepancy.score import wald
 from rwa_monitor.discrepancy.terms import Found, Model, SearchResult, nested_to
@@ -53,7 +45,7 @@ def grow(fitting: Fitting, effects: Effects, progress: Progress, begin_with: Seq
     nested = [base, *begin_with]
     while len(nested[-1].terms) < MAX_EFFECTS:
         nested[-1] = fitting.settled(nested[-1])
-        if not is_possible(nested[-1]):  # after the last fit its strengths are not
+        if not nested[-1].is_possible:  # after the last fit its strengths are not
             testable = [effect for effect in testable if effect.name != nested[-1].names[-1]]
             del nested[-1]
         current = nested[-1]
@@ -79,7 +71,7 @@ def grow(fitting: Fitting, effects: Effects, progress: Progress, begin_with: Seq
             if current.score - best.score >= least_gain(fitting.problem, 0) + least_gain(fitting.problem, 1):
                 alternatives = [best]
         gaining = (one for one in alternatives if current.score - one.score >= least)
-        counted = (one for one in gaining if len(one.terms) == named or predicts(fitting.problem, one, current))
+        counted = (one for one in gaining if len(one.terms) == named or fitting.predicts(one, current))
         accepted = next(counted, None)
         if accepted is None:
             break
@@ -140,7 +132,7 @@ def prune(fitting: Fitting, model: Model, *, keep_last: bool = False) -> Model:
     while True:
         simpler = [fitting.without(model, index) for index in range(len(model.terms) - keep_last)]
         minor = [one for index, one in enumerate(simpler) if model.is_minor(index, fitting.problem.sign)]
-        minor = minor or [one for one in simpler if not predicts(fitting.problem, model, one)]
+        minor = minor or [one for one in simpler if not fitting.predicts(model, one)]
         tried = minor or (simpler if keep_last else [*simpler, *fitting.with_common_level(model)])
         best = min(tried, key=lambda one: one.score, default=None)
         least = least_gain(fitting.problem, len(model.terms) - 1)

@@ -286,6 +286,12 @@ class Model:
         own = (self.torque(i) for i, term in enumerate(self.terms) if term.places is not None)
         return sum(own, np.zeros_like(self.fit.level))
 
+    @property
+    def is_possible(self) -> bool:
+        """Whether all strengths are physically possible, given the dry and viscous friction of the model."""
+        dry, viscous = float(self.fit.level.mean()), float(self.fit.coefficients[0])
+        return all(term.effect.is_possible(self.strengths(i), dry, viscous) for i, term in enumerate(self.terms))
+
     def is_minor(self, index: int, sign: FloatArray) -> bool:
         """Return whether a term's torque, where it acts, is within MODEL_ERROR of the largest other term's.
 
