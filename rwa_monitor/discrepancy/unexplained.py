@@ -16,7 +16,7 @@ from rwa_monitor.discrepancy.base_fit import pieces, remove_levels, segment_star
 from rwa_monitor.discrepancy.fitting import Fitting
 from rwa_monitor.discrepancy.likelihood import ACCEPT_GAIN
 from rwa_monitor.discrepancy.problem import Problem
-from rwa_monitor.discrepancy.terms import Model, SearchResult, Term, make_term, nested_to
+from rwa_monitor.discrepancy.terms import MODEL_ERROR, Model, SearchResult, Term, make_term, nested_to
 from rwa_monitor.discrepancy.unnamed import (
     CURVES,
     UNNAMED,
@@ -32,7 +32,7 @@ from rwa_monitor.samples import TINY, FloatArray
 
 EXPLAINED_SHARE: Final = 0.7  # of a curve's gain: a law that gains so much with fewer parameters is kept
 NEARLY_ALL: Final = 0.9  # of a sum of squares or a variance: the rest is noise and drift
-LEAST_NAMED_SHARE: Final = 0.1  # of an unnamed hypothesis's gain that a name found with it must reach: no law is exact
+LEAST_NAMED_SHARE: Final = MODEL_ERROR  # of an unnamed hypothesis's gain that a name found with it must reach
 FEWEST_SAMPLES: Final = 4  # for each height of a curve: with fewer it follows the noise
 FEWEST_STEPS: Final = 6  # of the level: a jump or two too many is chance
 STEPS_TO_JUMPS: Final = 2.0  # ratio of small steps to jumps
