@@ -20,6 +20,7 @@ from typing import Final
 import numpy as np
 
 from rwa_monitor.discrepancy.derived_friction import speed_noise_taps
+from rwa_monitor.discrepancy.likelihood import SETTLED, Equations
 from rwa_monitor.discrepancy.problem import (
     Mapper,
     Noise,
@@ -39,13 +40,13 @@ from rwa_monitor.wheel.wheel import Wheel
 JUMP_PENALTY: Final = 3.0  # times log N, for position, size and sign of a jump (Zhang & Siegmund 2007 gives 3/2 · 2)
 # Factors of the jump penalty in successive alternations of segmentation and least squares. They are large at first, so
 # that contributions of the columns are not fitted by jumps while the coefficients are still inaccurate.
-ANNEALING: Final = (8.0, 3.0, 1.0, 1.0, 1.0, 1.0)
-CONVERGED: Final = 0.1  # change of the criterion
+ANNEALING: Final = (8.0, 3.0, 1.0, 1.0)
 TUKEY: Final = 4.685  # scales of the residual: 95 % efficient for Gaussian noise (Huber, Robust Statistics, 1981)
 MIN_USED: Final = 30  # fewer moving samples cannot separate a law of the speed from their noise
 HEAVY_SHARE: Final = 1e-3  # of samples beyond four standard deviations; Gaussian noise has 6e-5
-REVERSAL_MARGIN: Final = 4  # samples: that close to a reversal an offset is mistaken for a jump
+REVERSAL: Final = 5  # samples from a reversal: there bristles turn over, filters smear, and a jump is not identifiable
 REVERSAL_REACH: Final = 20  # samples around a reversal: bristles and balls take a few slots to reverse
+LEVEL_SAMPLES: Final = 64  # at most, from which the level on each side of a jump is estimated
 LONG_LAG_SHARE: Final = 0.02  # of the record: the lag of differences, a few per cent of a sojourn or more
 
 
@@ -63,15 +64,17 @@ class Fit:
         float64 (n,), dry friction level at each sample [N m].
     residual
         float64 (n,) [N m].
-    rss
-        Σ residual² [N² m²].
     """
 
     jumps: IntArray
     coefficients: FloatArray
     level: FloatArray
     residual: FloatArray
-    rss: float
+
+    @property
+    def rss(self) -> float:
+        """Σ residual² [N² m²]."""
+        return float(self.residual @ self.residual)
 
 
 def make_problem(records: Sequence[Record], wheel: Wheel, each: Mapper = in_turn) -> Problem:
@@ -92,8 +95,8 @@ def make_problem(records: Sequence[Record], wheel: Wheel, each: Mapper = in_turn
         )
     speed = np.concatenate([np.abs(r.viscous_speed_rad_s)[r.used] for r in records])
     sign = np.concatenate([r.channels.direction[r.used] for r in records])
-    starts = np.concatenate([[0], np.cumsum([np.count_nonzero(r.used) for r in records])]).astype(np.int64)
-    slot = np.concatenate([np.flatnonzero(r.used) for r in records]).astype(np.int64)
+    starts = np.cumsum([0, *(np.count_nonzero(r.used) for r in records)])
+    slot = np.concatenate([np.flatnonzero(r.used) for r in records])
     nominal = wheel.nominal.viscous_Nm_s_rad if wheel.nominal else None
     noise = estimate_noise([z])
     problem = Problem(tuple(records), z, z, 0.0, speed, sign, starts, slot, noise, nominal, each=each)
@@ -122,10 +125,15 @@ def _memory(problem: Problem) -> float:
     return float(np.clip(seen, 1.0, of_filter))
 
 
+def pieces(problem: Problem) -> list[slice]:
+    """Return where the samples of each record are among the joined ones; records without samples are left out."""
+    return [slice(begin, end) for begin, end in pairwise(problem.starts.tolist()) if end > begin]
+
+
 def with_noise_of(problem: Problem, residual: FloatArray) -> Problem:
     """Return the problem with the noise estimated from a model's residual, float64 (n,) [N m]."""
-    pieces = [residual[a:b] for a, b in pairwise(problem.starts) if b > a]
-    noise, smallest = estimate_noise(pieces), problem.smallest_noise_Nm
+    noise = estimate_noise([residual[piece] for piece in pieces(problem)])
+    smallest = problem.smallest_noise_Nm
     if noise.std < smallest:
         noise = Noise(smallest, np.append(smallest**2, np.zeros(noise.autocovariance.size - 1)), smallest**2)
     return replace(problem, noise=noise)
@@ -139,11 +147,10 @@ def _clip(problem: Problem) -> Problem:
     far = problem.to_reversal > REVERSAL_REACH
     slope = fit(problem).coefficients[0] * problem.speed
     clipped = problem.z.copy()
-    for a, b in pairwise(problem.starts):
-        if b > a:
-            inside, outliers = clip_outliers((problem.z - slope)[a:b], problem.noise.std)
-            outliers &= far[a:b]
-            clipped[a:b][outliers] = (inside + slope[a:b])[outliers]
+    for piece in pieces(problem):
+        inside, outliers = clip_outliers((problem.z - slope)[piece], problem.noise.std)
+        outliers &= far[piece]
+        clipped[piece][outliers] = (inside + slope[piece])[outliers]
     share = float(np.mean(clipped[far] != problem.z[far])) if far.any() else 0.0
     return replace(problem, z=clipped, clipped_share=share) if share > HEAVY_SHARE else problem
 
@@ -160,14 +167,16 @@ def fit(problem: Problem, columns: FloatArray | None = None) -> Fit:
     """
     design = problem.speed[:, None] if columns is None else np.column_stack([problem.speed, columns])
     coefficients, best, lowest, previous = robust_coefficients(problem, design), None, np.inf, np.inf
-    for factor in ANNEALING:
+    for factor in (*ANNEALING, 1.0, 1.0):
         jumps = segment_records(problem, problem.z - design @ coefficients, factor * jump_price(problem))
         coefficients = least_squares(problem, design, jumps)
-        fitted = _with_levels(problem, design, coefficients, jumps)
+        rest = problem.z - design @ coefficients
+        residual = remove_levels(rest, segment_starts(problem, jumps))
+        fitted = Fit(jumps, coefficients, rest - residual, residual)
         value = criterion(problem, fitted)
         if value < lowest:
             best, lowest = fitted, value
-        if factor == 1.0 and previous - value < CONVERGED:
+        if factor == 1.0 and previous - value < SETTLED:
             break
         previous = value
     assert best is not None
@@ -207,21 +216,14 @@ def least_squares(problem: Problem, design: FloatArray, jumps: IntArray) -> Floa
 
 def _solve_normal_equations(problem: Problem, gram: FloatArray, moment: FloatArray) -> FloatArray:
     """Solve the normal equations; the first coefficient, of viscous friction, is at least `problem.lowest_viscous`."""
-    scale = np.sqrt(np.maximum(gram.diagonal(), TINY))
+    low, gram, moment = np.full(moment.size, -np.inf), gram.copy(), moment.copy()
+    low[0] = problem.lowest_viscous
     # A prior on the slope with the weight of 1/1000 sample at the largest speed: it decides only where the data cannot.
     if problem.nominal_viscous is not None:
         weight = problem.top_speed**2 * 1e-3
-        gram, moment = gram.copy(), moment.copy()
         gram[0, 0] += weight
         moment[0] += weight * problem.nominal_viscous
-        scale[0] = np.sqrt(gram[0, 0])
-    normalised, target = gram / (scale[:, None] * scale), moment / scale
-    solution: FloatArray = np.linalg.lstsq(normalised, target, rcond=1e-10)[0] / scale
-    if solution[0] < problem.lowest_viscous:
-        solution[0] = problem.lowest_viscous
-        left = target[1:] - normalised[1:, 0] * (solution[0] * scale[0])
-        solution[1:] = np.linalg.lstsq(normalised[1:, 1:], left, rcond=1e-10)[0] / scale[1:]
-    return solution
+    return Equations(gram, moment, 0.0, low, np.full(moment.size, np.inf), 1, 0.0).solve()[0]
 
 
 def robust_coefficients(problem: Problem, design: FloatArray) -> FloatArray:
@@ -243,30 +245,24 @@ def robust_coefficients(problem: Problem, design: FloatArray) -> FloatArray:
     return coefficients
 
 
-def _sharp_jumps(problem: Problem, fitted: Fit, reach: int = 48, threshold: float = 30.0) -> IntArray:
-    """Return the jumps that are significant over `reach` samples on each side, not parts of a smooth change."""
-    kept = []
-    values = fitted.level + fitted.residual
-    borders = np.concatenate([problem.starts, fitted.jumps])
-    for jump in fitted.jumps:
-        before = max(int(borders[borders < jump].max(initial=0)), jump - reach)
-        after = min(int(borders[borders > jump].min(initial=problem.size)), jump + reach)
-        n1, n2 = jump - before, after - jump
-        step = values[jump:after].mean() - values[before:jump].mean()
-        if step * step * n1 * n2 / (n1 + n2) > threshold * problem.noise.long_run_variance:
-            kept.append(jump)
-    return np.array(kept, dtype=np.int64)
+def _sharp_jumps(problem: Problem, fitted: Fit) -> IntArray:
+    """Return the jumps that are worth their price over LEVEL_SAMPLES on each side, not parts of a smooth change."""
+    jumps, sums = fitted.jumps, np.append(0.0, np.cumsum(fitted.level + fitted.residual))
+    borders = np.unique(np.append(problem.starts, jumps))
+    at = np.searchsorted(borders, jumps)
+    before = np.maximum(borders[at - 1], jumps - LEVEL_SAMPLES)
+    after = np.minimum(borders[at + 1], jumps + LEVEL_SAMPLES)
+    n1, n2 = jumps - before, after - jumps
+    step = (sums[after] - sums[jumps]) / n2 - (sums[jumps] - sums[before]) / n1
+    return np.asarray(jumps[step**2 * n1 * n2 / (n1 + n2) > jump_price(problem)])
 
 
 def jump_sets(problem: Problem, fitted: Fit) -> list[IntArray]:
     """Return the fitted jumps, subsets of them that a missing effect is unlikely to cause, and the strong jumps."""
-    sets = [fitted.jumps]
-    off_crossings = fitted.jumps[problem.to_reversal[fitted.jumps] > REVERSAL_MARGIN]
+    off_crossings = fitted.jumps[problem.to_reversal[fitted.jumps] >= REVERSAL]
     strong = strong_jumps(problem, fitted.level + fitted.residual)
-    for subset in (_sharp_jumps(problem, fitted), off_crossings, strong):
-        if not any(np.array_equal(subset, known) for known in sets):
-            sets.append(subset)
-    return sets
+    sets = fitted.jumps, _sharp_jumps(problem, fitted), off_crossings, strong
+    return list({jumps.tobytes(): jumps for jumps in sets}.values())
 
 
 def strong_jumps(problem: Problem, values: FloatArray) -> IntArray:
@@ -286,14 +282,7 @@ def strong_level(problem: Problem, level: FloatArray) -> FloatArray:
 
 def segment_records(problem: Problem, values: FloatArray, penalty: float) -> IntArray:
     """Segment each record separately and return the joined indices of the jumps."""
-    found = [segment(values[begin:end], penalty) + begin for begin, end in pairwise(problem.starts) if end > begin]
-    return np.concatenate(found).astype(np.int64)
-
-
-def _with_levels(problem: Problem, design: FloatArray, coefficients: FloatArray, jumps: IntArray) -> Fit:
-    rest = problem.z - design @ coefficients
-    residual = remove_levels(rest, segment_starts(problem, jumps))
-    return Fit(jumps, coefficients, rest - residual, residual, float(residual @ residual))
+    return np.concatenate([segment(values[piece], penalty) + piece.start for piece in pieces(problem)])
 
 
 # ---- exact penalised segmentation of a sequence into levels: functional pruning optimal partitioning -----------------

@@ -159,7 +159,6 @@ def spread_of_differences(values: FloatArray, lag: int, step: float) -> float:
 
 
 FEWEST_LEVELS: Final = 3  # distinct readings from which a step can be estimated
-MOST_LEVELS: Final = 0.5  # distinct readings per sample, from which steps are finer than the noise
 
 
 @dataclass(frozen=True, slots=True)
@@ -179,7 +178,7 @@ def steps_of(samples: Samples, wheel: Wheel, name: torque_balance.Source) -> Ste
     """
     values: FloatArray = getattr(samples, name)
     readings = np.unique(values[np.isfinite(values)])
-    if not FEWEST_LEVELS <= readings.size < MOST_LEVELS * values.size:
+    if readings.size < FEWEST_LEVELS or 2 * readings.size >= values.size:  # or the steps are finer than the noise
         return None
     # A converter may have an offset: only differences of readings lie on the grid.
     step = quantisation_step(readings - readings[0])
@@ -230,20 +229,19 @@ def with_fitting_window(motions: Sequence[Motion], wheel: Wheel) -> Wheel:
         return wheel
     halves = np.unique(np.rint(np.geomspace(LEAST_HALF, most, WINDOWS)))
     wheels = [*(torque_balance.with_window(wheel, 2.0 * half * period_s) for half in halves[:-1].tolist()), wheel]
-    missed = [_squared_errors(motion, wheels) for motion in derived]
-    error, spread, harmless = (np.concatenate(parts, axis=-1) for parts in zip(*missed, strict=True))
-    if not harmless.size:
+    missed = np.concatenate([_squared_errors(motion, wheels) for motion in derived], axis=1)
+    if not missed.size:
         return wheel
-    square, narrow = error.mean(axis=1), halves * (halves + 1.0) * (2.0 * halves + 1.0)
-    noise = max(float(spread.mean() - square[-1]), 0.0) * narrow[0] / narrow
-    risk = np.maximum(square, 0.0) + noise
-    return wheels[int(np.flatnonzero(risk <= risk.min() + harmless.mean())[-1])]
+    *square, spread, harmless = missed.mean(axis=1)
+    narrow = halves * (halves + 1.0) * (2.0 * halves + 1.0)
+    risk = np.maximum(square, 0.0) + max(spread - square[-1], 0.0) * narrow[0] / narrow
+    return wheels[int(np.flatnonzero(risk <= risk.min() + harmless)[-1])]
 
 
-def _squared_errors(motion: Motion, wheels: Sequence[Wheel]) -> tuple[FloatArray, FloatArray, FloatArray]:
+def _squared_errors(motion: Motion, wheels: Sequence[Wheel]) -> FloatArray:
     """Return the squared error of each window, the squared change of the widest window's slope, the negligible square.
 
-    float64 (windows, n), (n,) and (n,) at the slots where all are known [N² m²], relative to the first window.
+    float64 (windows + 2, n) at the slots where all are known [N² m²], relative to the first window.
     """
     assert motion.torque_Nm is not None
     torque = motion.torque_Nm
@@ -254,5 +252,5 @@ def _squared_errors(motion: Motion, wheels: Sequence[Wheel]) -> tuple[FloatArray
     known = np.isfinite(slope * motor).all(axis=0)
     noise = spread_of_differences(np.diff(torque), 1, motion.torque_step_Nm) / np.sqrt(6.0)  # of 1, -2, 1
     size = float(np.median(np.abs((averaged[-1] - torque + friction[-1])[known]))) if known.any() else 0.0
-    harmless = np.full(np.count_nonzero(known), max(noise, torque_balance.LEAST_ERROR * size) ** 2)
-    return (slope * motor)[:, known], slope[-1, known] ** 2, harmless
+    harmless = np.full(known.size, max(noise, torque_balance.LEAST_ERROR * size) ** 2)
+    return np.vstack([slope * motor, slope[-1] ** 2, harmless])[:, known]

@@ -25,13 +25,12 @@ from rwa_monitor.discrepancy.quantisation import redrawn
 from rwa_monitor.discrepancy.record import FEWEST_FOR_JUMPS, Record
 from rwa_monitor.discrepancy.score import price, regressors
 from rwa_monitor.discrepancy.search import grow, prune, rank, search
-from rwa_monitor.discrepancy.terms import Found, Model, SearchResult, law_of
+from rwa_monitor.discrepancy.terms import Found, Model, SearchResult, nested_to
 from rwa_monitor.discrepancy.unexplained import (
     LEAST_NAMED_SHARE,
     combined,
     explains_most,
     judge_leftover,
-    nested_below,
     without_unnamed,
 )
 from rwa_monitor.discrepancy.unnamed import UNNAMED
@@ -139,7 +138,7 @@ def _score_bound(problem: Problem, jumping: Model) -> float:
 
     It is the score of a nonparametric curve, without a penalty for its parameters or those of the effects.
     """
-    series, law = Series.of(problem), law_of(jumping)
+    series, law = Series.of(problem), jumping.law
     rows, low, high = regressors(series, jumping.terms)
     curve = speed_curve(series)
     free = np.full(curve.shape[0], np.inf)
@@ -247,9 +246,8 @@ def _with_formula(approach: Fitting, explained: Explained, effects: Effects, pro
         again = [effect for effect in known if effect.name in names]  # also one named already, at another shape
         near += approach.substitutes(best, len(best.terms) - 1, again)
     named = (*(one for one in found.found if one.name in names), Found(best.names[-1], gain, tuple(near)))
-    found = replace(
-        found, nested=(*nested_below(found.nested, best), best), found=tuple(sorted(named, key=lambda one: -one.gain))
-    )
+    ranked = tuple(sorted(named, key=lambda one: -one.gain))
+    found = replace(found, nested=nested_to(best, found.nested), found=ranked)
     if is_near:
         found, leftover, complete = judge_leftover(approach, found)
         return replace(explained, found=found, leftover=leftover, complete=complete)

@@ -154,7 +154,7 @@ def extend(search: Search, report_sha256: str | None = None) -> Extension:
         after,
         simulated_gain(_rmse(search, search.wheel, before), _rmse(search, wheel, after)),
         _rmse(search, wheel, after, nominal.dry_torque_Nm) if nominal else float("nan"),
-        search.result.gain is not None and search.result.gain.is_a_loss,
+        search.result.gain.is_a_loss,
     )
     # The records were searched, and are compared here, without the effects that were taken out of them.
     taken_out = (_with_errors(search, effect, report_sha256) for effect in search.taken_out)
@@ -257,6 +257,6 @@ def _rmse(search: Search, wheel: Wheel, law: BaseLaw, dry_Nm: float | None = Non
         torques.append(torque)
     rest: FloatArray = problem.z - problem.sign * problem.gather(torques)
     if added.effect:  # jumps of these records are fitted, as levels are: a wheel file has their law, not their times
-        rest = rest - search.extended.of_own_jumps(problem.size)
+        rest = rest - search.extended.of_own_jumps
     inner = remove_levels(rest, segment_starts(problem, search.extended.fit.jumps)) if dry_Nm is None else rest - dry_Nm
     return float(np.sqrt(np.mean(inner**2)))

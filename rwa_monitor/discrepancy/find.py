@@ -29,11 +29,11 @@ from rwa_monitor.discrepancy.switching_effects import switching_effects
 from rwa_monitor.discrepancy.terms import Model
 from rwa_monitor.discrepancy.unexplained import combined, slow_drag
 from rwa_monitor.messages import Gain, SearchedAgain, Unexplained
-from rwa_monitor.samples import Samples
+from rwa_monitor.samples import IntArray, Samples
 from rwa_monitor.wheel.effects.catalogue import NOISE_EFFECTS, effect_class
 from rwa_monitor.wheel.wheel import Wheel
 
-SPEED_BLOCKS: Final = 5  # ranges of speed, three of which are searched
+SPEED_BLOCKS: Final = BLOCKS // 2  # ranges of speed, three of which are searched
 MORE_SAMPLES: Final = f"{FEWEST_FOR_JUMPS} samples or more"
 
 
@@ -97,19 +97,23 @@ def find_discrepancy(
     lacking = untested(problem, found, mean, wheel, tried, not_shown) | silent
 
     progress("gain on held-out data")
-    scores = _scores(explained, aside, each)
+    if aside is None:
+        scores = each(partial(held_out, problem), found.nested)
+    else:
+        scores = each(partial(on_other_recordings, problem, aside, jumps=explained.jumps), found.nested)
     at_base = found.nested[0]
     if named is not None:  # the base model has no delay: it is scored on the data as measured
         base = prepare(_records_of(bench.recordings, wheel, None), wheel)
-        at_base = scored(base, Model((), fit(base)))
-        scores = (held_out(base, at_base), *scores)
+        at_base = scored(base, (), fit(base).jumps)
+        scores = [held_out(base, at_base), *scores]
     gain = _gain(problem, at_base, found.nested[-1], scores, [name for name, _ in bench.held_out])
     verdict: Verdict = "inadequate" if effects or explained.leftover is not None else "adequate"
-    if verdict == "adequate" and len(problem.noise.autocovariance) and speed_is_constant(problem):
+    if verdict == "adequate" and speed_is_constant(problem):
         verdict = "untestable"  # no law of the speed is identifiable at constant speed
     result = DiscrepancyResult(verdict, effects, explained.leftover, tuple(lacking.items()), gain)
     taken_out = tuple(effect_class(one.name)(**{key: of.value for key, of in one.parameters.items()}) for one in shown)
-    return _with_simulated(Search(wheel, problem, found, scores[-len(found.nested) :], result, taken_out))
+    search = Search(wheel, problem, found, tuple(scores[-len(found.nested) :]), result, taken_out)
+    return _with_gain(search, simulated=extend(search).simulated) if search.extended.terms else search
 
 
 def with_search_again(
@@ -137,35 +141,26 @@ def with_search_again(
     InputError
         If too little is left to be searched.
     """
-    gain = search.result.gain
-    if gain is None:
-        return search
 
-    def again(seen: Sequence[tuple[str, Samples]], aside: tuple[str, Samples]) -> SearchedAgain | None:
+    def again(seen: Sequence[tuple[str, Samples]], aside: tuple[str, Samples]) -> SearchedAgain:
         """Search a part of the data, and judge on the rest."""
         found = find_discrepancy(seen, search.wheel, progress, each, [aside]).result
         names = ["formula" if one.formula else one.name for one in found.effects if one.family != "noise"]
-        there = found.gain
-        if there is None:
-            return None
-        scores = there.model_dump(include=set(SearchedAgain.model_fields) - {"held_out"})
+        scores = found.gain.model_dump(include=set(SearchedAgain.model_fields) - {"held_out"})
         return SearchedAgain(effects=names, held_out=[aside[0]], **scores)
 
     *seen, (name, samples) = recordings
     if seen:
-        gain = gain.model_copy(update={"searched_again": again(seen, (name, samples))})
-    else:
-        place, rank = np.arange(len(samples)), np.argsort(np.argsort(np.abs(samples.speed_rad_s)))
-        of_time, of_speed = place * BLOCKS // place.size % 2 == 0, rank * SPEED_BLOCKS // rank.size % 2 == 0
-        by_time, by_speed = (
-            again([(f"{name}, {part}", samples[kept])], (f"{name}, {rest}", samples[~kept]))
-            for kept, part, rest in (
-                (of_time, "blocks 1, 3, …", f"blocks 2, 4, … of {BLOCKS}"),
-                (of_speed, "speeds 1, 3, …", f"speeds 2, 4, … of {SPEED_BLOCKS}"),
-            )
-        )
-        gain = gain.model_copy(update={"searched_again": by_time, "searched_again_by_speed": by_speed})
-    return replace(search, result=replace(search.result, gain=gain))
+        return _with_gain(search, searched_again=again(seen, (name, samples)))
+
+    def of_every_second(rank: IntArray, blocks: int, unit: str) -> SearchedAgain:
+        kept = rank * blocks // rank.size % 2 == 0
+        part, rest = f"{name}, {unit} 1, 3, …", f"{name}, {unit} 2, 4, … of {blocks}"
+        return again([(part, samples[kept])], (rest, samples[~kept]))
+
+    by_time = of_every_second(np.arange(len(samples)), BLOCKS, "blocks")
+    by_speed = of_every_second(np.argsort(np.argsort(np.abs(samples.speed_rad_s))), SPEED_BLOCKS, "speeds")
+    return _with_gain(search, searched_again=by_time, searched_again_by_speed=by_speed)
 
 
 def _known_delays(wheel: Wheel) -> list[float]:
@@ -212,21 +207,9 @@ def _noise_and_jumps(explained: Explained, wheel: Wheel, *, with_noise: bool) ->
     return others, explained
 
 
-def _scores(explained: Explained, aside: Problem | None, each: Mapper) -> tuple[HeldOut, ...]:
-    """Return the score of each model of the nested sequence on data that it was not fitted to."""
-    problem, nested = explained.problem, explained.found.nested
-    if aside is not None:
-        return tuple(each(partial(on_other_recordings, problem, aside, jumps=explained.jumps), nested))
-    return tuple(each(partial(held_out, problem), nested))
-
-
-def _with_simulated(search: Search) -> Search:
-    """Add the fit to the records of the wheel file simulated with the effects that were found."""
-    gain = search.result.gain
-    if gain is None or not search.extended.terms:
-        return search
-    gain = gain.model_copy(update={"simulated": extend(search).simulated})
-    return replace(search, result=replace(search.result, gain=gain))
+def _with_gain(search: Search, **more: object) -> Search:
+    """Add to the gain of a search."""
+    return replace(search, result=replace(search.result, gain=search.result.gain.model_copy(update=more)))
 
 
 def _gain(

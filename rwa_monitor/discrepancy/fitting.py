@@ -12,25 +12,17 @@ from __future__ import annotations
 from collections.abc import Callable, Hashable, Sequence
 from dataclasses import replace
 from functools import partial
-from itertools import pairwise
 from typing import Final
 
 import numpy as np
 
-from rwa_monitor.discrepancy.base_fit import (
-    Fit,
-    fit,
-    jump_price,
-    jump_sets,
-    segment_records,
-    with_noise_of,
-)
+from rwa_monitor.discrepancy.base_fit import ANNEALING, fit, jump_price, jump_sets, segment_records, with_noise_of
 from rwa_monitor.discrepancy.hypotheses import split_testable
-from rwa_monitor.discrepancy.likelihood import LONG_MEMORY, NO_JUMPS, NoiseLaw, Series
+from rwa_monitor.discrepancy.likelihood import LONG_MEMORY, NO_JUMPS, ROUNDS, NoiseLaw, Series
 from rwa_monitor.discrepancy.problem import Problem
 from rwa_monitor.discrepancy.score import Background, held_out, off_reversals, scored, with_exact_jumps, with_law
 from rwa_monitor.discrepancy.shape_profile import profile, shape_limits
-from rwa_monitor.discrepancy.terms import Model, Term, depends_on_level, law_of, make_term
+from rwa_monitor.discrepancy.terms import Model, Term, depends_on_level, make_term
 from rwa_monitor.samples import TINY, FloatArray, IntArray
 from rwa_monitor.wheel.effects.base import MeanEffect
 
@@ -38,12 +30,10 @@ Progress = Callable[[str], None]
 Effects = Sequence[type[MeanEffect]]
 
 EQUIVALENT_WITHIN: Final = 10.0  # of the score: docs/theory.md, "Discrepancy search", step 4
-ANNEALING: Final = (8.0, 3.0, 1.0, 1.0)  # factors on the price of a jump, in turn
 CANDIDATES_FITTED: Final = 4  # best candidates of the screening from each start, which are fitted
 CANDIDATES_REFINED: Final = 5  # best candidates after segmentation, whose shapes and noise are refitted
 LEAST_GAIN_SHARE: Final = 0.25  # of the largest gain: with less, no candidate became the best by a refinement
-ROUNDS: Final = 4  # in which shapes, noise and jumps are fitted in turn
-SETTLED: Final = 0.5  # change of the score below which a fit has converged
+SETTLED: Final = 0.5  # change of a score, or a log-likelihood, below which a fit has converged
 STEP: Final = 0.25  # of a column's range: a larger change from one sample to the next is a step
 AT_STEP: Final = 8  # samples: a jump so near to a step of a column may be the same event
 MOST_TRIED: Final = 60  # thresholds; fewer than twice as many where there are more jumps
@@ -68,7 +58,6 @@ class Fitting:
     def __init__(self, problem: Problem, *, jumps: bool) -> None:
         self.problem = problem
         self.jumps = jumps
-        self.several = Series.of(problem).several
         self._known: dict[Hashable, tuple[Sequence[Term], Model]] = {}  # results of `without`
         self._replaced: dict[tuple[int, int], tuple[Model, list[Model]]] = {}  # and of `replacements`
 
@@ -78,24 +67,25 @@ class Fitting:
             return self.refined(self._annealed((), [NO_JUMPS], NoiseLaw()))
         problem, start = self.problem, fit(self.problem)
         jumps = off_reversals(problem, start.level + start.residual, start.jumps)
-        base = with_exact_jumps(problem, scored(problem, Model((), replace(start, jumps=jumps))))
+        base = with_exact_jumps(problem, scored(problem, (), jumps))
         memory = _ar1_coefficient(base.fit.residual)
         if not problem.has_noise or memory < LEAST_CORRELATION:
             return base
         # Jumps hidden in autocorrelated noise lengthen its fitted memory: that of neighbours is tried, too.
-        other = with_exact_jumps(problem, with_law(problem, base, NoiseLaw(white=0.0, correlation=memory)))
-        return min(base, with_exact_jumps(problem, scored(problem, other)), key=lambda one: one.score)
+        start_law = NoiseLaw(white=0.0, correlation=memory)
+        other = with_exact_jumps(problem, with_law(problem, (), base.fit.jumps, start_law))
+        return min(base, with_exact_jumps(problem, scored(problem, (), other.fit.jumps)), key=lambda one: one.score)
 
     def split_testable(self, effects: Effects, base: Model) -> tuple[list[type[MeanEffect]], list[tuple[str, str]]]:
         """Split effects into those that the data can test, and the names of the others with what is missing.
 
         Where friction may jump, an effect must differ from a level per recording; jumps may absorb still more.
         """
-        problem, at = self.problem, np.arange(self.problem.size)
+        problem = self.problem
         known = Series.of(problem).base
         if self.jumps:
-            levels = [(at >= a) & (at < b) for a, b in pairwise(problem.starts.tolist()) if b > a]
-            known = np.vstack([problem.speed, *levels]) * problem.sign
+            of = np.repeat(np.arange(len(problem.records)), np.diff(problem.starts))
+            known = np.vstack([problem.speed, *(of == record for record in np.unique(of))]) * problem.sign
         return split_testable(problem, known, effects, base.fit.level)
 
     def settled(self, model: Model) -> Model:
@@ -117,13 +107,27 @@ class Fitting:
         `all_of_them`: also those whose effect does not count, see `counts`.
         """
         models = self._extended(current, effects, all_of_them=all_of_them)
-        if not self.jumps and self.several and law_of(current).level_spread == 0.0:
-            models.append(self.refined(self._annealed(current.terms, [NO_JUMPS], law_of(current).separate_levels)))
+        if not self.jumps and Series.of(self.problem).several and current.law.level_spread == 0.0:
+            models.append(self.refined(self._annealed(current.terms, [NO_JUMPS], current.law.separate_levels)))
         return _in_order(models, effects)
 
     def counts(self, model: Model, current: Model) -> bool:
         """Return whether the last effect of a model is not minor (`Model.is_minor`) and predicts held-out data."""
-        return not model.is_minor(-1, self.problem.sign) and predicts(self.problem, model, current)
+        return not model.is_minor(-1, self.problem.sign) and self.predicts(model, current)
+
+    def predicts(self, model: Model, simpler: Model) -> bool:
+        """Return whether a model predicts held-out blocks better than a simpler one does, or has fewer jumps.
+
+        Better is a smaller RMSE, or a higher log score, of all blocks or in MOST_BLOCKS of them: a block at the end of
+        a sweep is an extrapolation. A few samples at changes of direction may decide the RMSE, the noise law the log
+        score.
+        """
+        if model.fit.jumps.size < simpler.fit.jumps.size:
+            return True
+        with_it, without = held_out(self.problem, model), held_out(self.problem, simpler)
+        likelier = np.count_nonzero(with_it.block_log_scores > without.block_log_scores)
+        better = with_it.rmse_Nm < without.rmse_Nm or with_it.log_score > without.log_score
+        return better or bool(likelier >= MOST_BLOCKS)
 
     def replacements(self, model: Model, index: int, effects: Effects) -> list[Model]:
         """Return the model with each effect that comes near to term `index` in place of that term, best first."""
@@ -139,7 +143,7 @@ class Fitting:
     def without(self, model: Model, index: int) -> Model:
         """Return a model without term `index`, refitted from the full model's jumps."""
         terms, jumps = model.terms[:index] + model.terms[index + 1 :], model.fit.jumps
-        key = tuple(map(id, terms)), jumps.tobytes(), law_of(model)
+        key = tuple(map(id, terms)), jumps.tobytes(), model.law
         if key not in self._known:
             self._known[key] = terms, self.refitted(terms, model, [jumps])
         return self._known[key][1]
@@ -153,14 +157,13 @@ class Fitting:
 
     def refitted_roughly(self, terms: Sequence[Term], near: Model, jumps: Sequence[IntArray] = ()) -> Model:
         """Return what `refitted` refines: a model with the shapes as given and the noise law of the similar model."""
-        return self._annealed(tuple(terms), jumps or self._starts(near), law_of(near))
+        return self._annealed(tuple(terms), jumps or self._starts(near), near.law)
 
-    def with_common_level(self, model: Model) -> Model | None:
-        """Return the model with one level for all recordings, not separate ones; None where it has jumps, or one."""
-        law = law_of(model)
-        if self.jumps or law.level_spread == 0.0:
-            return None
-        return self.refined(self._annealed(model.terms, [NO_JUMPS], replace(law, level_spread=0.0)))
+    def with_common_level(self, model: Model) -> list[Model]:
+        """Return the model with one level for all recordings, not separate ones; none where it has jumps, or one."""
+        if self.jumps or model.law.level_spread == 0.0:
+            return []
+        return [self.refined(self._annealed(model.terms, [NO_JUMPS], replace(model.law, level_spread=0.0)))]
 
     def equivalents(self, model: Model, index: int, effects: Effects) -> list[str]:
         """Return the names of effects that are as good in place of a term, with jumps and level of the model kept.
@@ -178,7 +181,7 @@ class Fitting:
     def substitutes(self, model: Model, index: int, effects: Effects) -> list[str]:
         """Return the names of effects that are as good in place of a term, with jumps, level and noise kept."""
         others = model.terms[:index] + model.terms[index + 1 :]
-        beside = Background.of(self.problem, others, law_of(model), model.fit.jumps)
+        beside = Background.of(self.problem, others, model.law, model.fit.jumps)
         most = beside.criterion_with(model.terms[index]) + EQUIVALENT_WITHIN
         tried = self.problem.each(partial(profile, beside, model.fit.level), effects)
         return [one.effect.name for one, score in tried if score < most]
@@ -193,7 +196,7 @@ class Fitting:
         self, current: Model, effects: Effects, instead: Term | None = None, *, all_of_them: bool = False
     ) -> list[Model]:
         """Return the model with each of the most promising effects; `instead` of a term, each that comes near it."""
-        law, missing = law_of(current), [effect for effect in effects if effect.name not in current.names]
+        law, missing = current.law, [effect for effect in effects if effect.name not in current.names]
         starts = [(law, jumps) for jumps in self._starts(current)]
         if not self.jumps:  # slow noise may have absorbed the effect: screen in white noise, too
             starts.append((replace(law, white=1.0, correlation=0.0), NO_JUMPS))
@@ -214,7 +217,7 @@ class Fitting:
             gain = max((current.score - one.score for one in started), default=0.0)
             started = [one for one in started if gain < 0.0 or current.score - one.score >= LEAST_GAIN_SHARE * gain]
         refined = self.problem.each(lambda one: self._plainer_shape(self.refined(one)), started)
-        possible = [one for one in refined if is_possible(one) and _fits_as_well(one, current)]
+        possible = [one for one in refined if one.is_possible and _fits_as_well(one, current)]
         return _best_of_each([one for one in possible if all_of_them or self.counts(one, current)])
 
     def _at_thresholds(self, current: Model, effect: type[MeanEffect]) -> list[tuple[Term, IntArray]]:
@@ -232,7 +235,7 @@ class Fitting:
             term = make_term(problem, effect, {effect.threshold: float(speed)}, None)
             left = off_steps(term, jumps)
             if low <= speed <= high and jumps.size - left.size >= FEWEST_CROSSED:
-                score = Background.of(problem, current.terms, law_of(current), left).criterion_with(term)
+                score = Background.of(problem, current.terms, current.law, left).criterion_with(term)
                 best, found = min((best, found), (score, [(term, left)]), key=lambda one: one[0])
         return found
 
@@ -251,14 +254,13 @@ class Fitting:
 
         Segmentation starts from each set, with a falling price of a jump; different starts soon reach the same jumps.
         """
-        nothing = np.zeros(self.problem.size)
-        bare, known = Model(terms, Fit(NO_JUMPS, np.zeros(0), nothing, nothing, 0.0)), dict[bytes, Model]()
+        known: dict[bytes, Model] = {}
 
         def beside(jumps: IntArray) -> Model:
             """Return the model with these jumps."""
             key = jumps.tobytes()
             if key not in known:
-                known[key] = with_law(self.problem, bare, law, jumps)
+                known[key] = with_law(self.problem, terms, jumps, law)
             return known[key]
 
         reached = [beside(jumps) for jumps in starts]
@@ -268,36 +270,31 @@ class Fitting:
         return min(known.values(), key=lambda one: one.score)
 
     def _segmented(self, model: Model, price_factor: float = 1.0) -> IntArray:
-        """Return the best jumps given a model's coefficients, in white noise of the same long-run variance.
-
-        Where friction may not jump, those of the model are returned as they are.
-        """
-        if not self.jumps:
-            return model.fit.jumps
+        """Return the best jumps given a model's coefficients, in white noise of the same long-run variance."""
         along = model.fit.level + model.fit.residual
         jumps = segment_records(self.problem, along, price_factor * jump_price(self.problem))
         return off_reversals(self.problem, along, jumps)
 
     def refined(self, model: Model) -> Model:
         """Return a model with shapes, noise and jumps fitted in turn."""
-        best: Model | None = None
+        best, least = model, np.inf
         for _ in range(ROUNDS):
-            model = scored(self.problem, model, model.law, again=self.jumps)
-            gained = np.inf if best is None else best.score - model.score
-            if best is None or gained > 0.0:
-                best = model
+            model = scored(self.problem, model.terms, model.fit.jumps, model.law, again=self.jumps)
+            gained = least - model.score
+            if gained > 0.0:
+                best, least = model, model.score
             if gained < SETTLED or not any(term.shape or depends_on_level(term.effect) for term in model.terms):
                 break
             model = self._reshaped(model)
-            segmented = with_law(self.problem, model, law_of(model), self._segmented(model))
-            model = min(model, segmented, key=lambda one: one.score)
-        assert best is not None
+            if self.jumps:
+                segmented = with_law(self.problem, model.terms, self._segmented(model), model.law)
+                model = min(model, segmented, key=lambda one: one.score)
         return self._with_own_level(with_exact_jumps(self.problem, best) if self.jumps else best)
 
     def _with_own_level(self, model: Model) -> Model:
         """Return a model whose level-dependent columns follow its own level, not that of the model before."""
         for _ in range(ROUNDS if any(depends_on_level(term.effect) for term in model.terms) else 0):
-            followed = with_law(self.problem, replace(model, terms=self._with_updated_columns(model)), law_of(model))
+            followed = with_law(self.problem, self._with_updated_columns(model), model.fit.jumps, model.law)
             change, model = abs(followed.score - model.score), followed
             if change < SETTLED:
                 break
@@ -317,19 +314,19 @@ class Fitting:
 
         A jump at a step of a term's own columns may be that step: it is removed where that lowers the score.
         """
-        terms, jumps, law = list(self._with_updated_columns(model)), model.fit.jumps, law_of(model)
+        terms, jumps = list(self._with_updated_columns(model)), model.fit.jumps
         for i, term in enumerate(terms):
             if term.shape:
                 others = (*terms[:i], *terms[i + 1 :])
                 fitted = []
                 for kept in _distinct(jumps, off_steps(term, jumps)):
-                    beside = Background.of(self.problem, others, law, kept)
+                    beside = Background.of(self.problem, others, model.law, kept)
                     fitted.append((*profile(beside, model.fit.level, term.effect, around=term), kept))
                 terms[i], _, jumps = min(fitted, key=lambda one: one[1])
-        shaped, fewer = replace(model, terms=tuple(terms)), jumps
+        fewer = jumps
         for term in terms:
             fewer = off_steps(term, fewer) if term.shape else fewer
-        models = [with_law(self.problem, shaped, law, kept) for kept in _distinct(jumps, fewer)]
+        models = [with_law(self.problem, terms, kept, model.law) for kept in _distinct(jumps, fewer)]
         return min(models, key=lambda one: one.score)
 
 
@@ -347,12 +344,6 @@ def _ar1_coefficient(residual: FloatArray) -> float:
     return float(np.clip(far**2 / max(near**2, TINY) - 1.0, 0.0, LONG_MEMORY))
 
 
-def is_possible(model: Model) -> bool:
-    """Return whether all strengths are physically possible, given the dry and viscous friction of the model."""
-    dry, viscous = float(model.fit.level.mean()), float(model.fit.coefficients[0])
-    return all(term.effect.is_possible(model.strengths(i), dry, viscous) for i, term in enumerate(model.terms))
-
-
 def _fits_as_well(model: Model, current: Model) -> bool:
     """Return whether a model has fewer jumps than the current one, or at most MOST_RSS_RATIO times its sum of squares.
 
@@ -360,20 +351,6 @@ def _fits_as_well(model: Model, current: Model) -> bool:
     and predict a slow friction that is not there.
     """
     return model.fit.jumps.size < current.fit.jumps.size or model.fit.rss <= MOST_RSS_RATIO * current.fit.rss
-
-
-def predicts(problem: Problem, model: Model, simpler: Model) -> bool:
-    """Return whether a model predicts held-out blocks better than a simpler one does, or has fewer jumps.
-
-    Better is a smaller RMSE, or a higher log score, of all blocks or in MOST_BLOCKS of them: a block at the end of a
-    sweep is an extrapolation. A few samples at changes of direction may decide the RMSE, the noise law the log score.
-    """
-    if model.fit.jumps.size < simpler.fit.jumps.size:
-        return True
-    with_it, without = held_out(problem, model), held_out(problem, simpler)
-    likelier = np.count_nonzero(with_it.block_log_scores > without.block_log_scores)
-    better = with_it.rmse_Nm < without.rmse_Nm or with_it.log_score > without.log_score
-    return better or bool(likelier >= MOST_BLOCKS)
 
 
 def off_steps(term: Term, jumps: IntArray) -> IntArray:
@@ -392,10 +369,12 @@ def _in_order(models: Sequence[Model], effects: Effects) -> list[Model]:
     An effect that depends on the dry level is less plain than one that does not; then the order of `effects` decides.
     """
     place = {effect.name: (depends_on_level(effect), number) for number, effect in enumerate(effects)}
-    ordered = sorted(models, key=lambda model: model.score)
-    near = [model for model in ordered if model.score < ordered[0].score + SETTLED]
-    near.sort(key=lambda model: place.get((model.names or ("",))[-1], (False, 0)))
-    return [*near, *ordered[len(near) :]]
+    near = min((model.score for model in models), default=0.0) + SETTLED
+
+    def key(model: Model) -> tuple[float, tuple[bool, int], float]:
+        return max(model.score, near), place.get((model.names or ("",))[-1], (False, 0)), model.score
+
+    return sorted(models, key=key)
 
 
 def _best_of_each(models: Sequence[Model]) -> list[Model]:

@@ -19,7 +19,7 @@ from rwa_monitor.discrepancy.problem import Problem
 from rwa_monitor.discrepancy.result import INDISTINGUISHABLE, FoundEffect, ParameterValue
 from rwa_monitor.discrepancy.score import Background, standard_deviations
 from rwa_monitor.discrepancy.shape_profile import FEW_CHOICES, is_logarithmic, reach_between, shape_limits
-from rwa_monitor.discrepancy.terms import Found, Model, Term, law_of, make_term
+from rwa_monitor.discrepancy.terms import Found, Model, Term, make_term
 from rwa_monitor.samples import FloatArray
 from rwa_monitor.wheel.effects.base import Effect, Family, Parameter
 from rwa_monitor.wheel.effects.catalogue import CATALOGUE, effect_class
@@ -155,7 +155,7 @@ def with_other_orders(problem: Problem, model: Model, index: int, order: Paramet
     tried = np.unique(np.concatenate([near, np.arange(1.0, MAX_HARMONIC + 1.0)]))
     tried = tried[(tried >= low) & (tried <= high)]
     others = tuple(term for i, term in enumerate(model.terms) if i != index)
-    background = Background.of(problem, others, law_of(model), model.fit.jumps)
+    background = Background.of(problem, others, model.law, model.fit.jumps)
 
     def deviance(at: float) -> float:
         term = make_term(problem, TorqueRipple, {ORDER: at}, None)
@@ -260,7 +260,7 @@ def _threshold_std(problem: Problem, model: Model, index: int) -> float:
     name = term.effect.threshold
     low, high = shape_limits(problem, term.effect)[name]
     others = tuple(other for i, other in enumerate(model.terms) if i != index)
-    background = Background.of(problem, others, law_of(model), model.fit.jumps)
+    background = Background.of(problem, others, model.law, model.fit.jumps)
 
     def criterion(at: float) -> float:
         return background.criterion_with(make_term(problem, term.effect, {**term.shape, name: at}, None))

@@ -16,7 +16,7 @@ from rwa_monitor.discrepancy.problem import Problem
 from rwa_monitor.discrepancy.result import FoundEffect
 from rwa_monitor.discrepancy.score import Background
 from rwa_monitor.discrepancy.shape_profile import middle_shape, shape_limits
-from rwa_monitor.discrepancy.terms import Model, SearchResult, Term, available, depends_on_level, law_of, make_term
+from rwa_monitor.discrepancy.terms import Model, SearchResult, Term, available, depends_on_level, make_term
 from rwa_monitor.samples import TINY, FloatArray
 from rwa_monitor.wheel.effects.base import Channels, MeanEffect
 from rwa_monitor.wheel.effects.catalogue import CATALOGUE, MEAN_EFFECTS
@@ -285,7 +285,7 @@ class Detectable:
 
 def detectable_strengths(problem: Problem, model: Model, effects: Sequence[type[MeanEffect]]) -> list[Detectable]:
     """Return the smallest detectable strength of each effect that the model lacks and whose channels are there."""
-    beside = Background.of(problem, model.terms, law_of(model), model.fit.jumps)
+    beside = Background.of(problem, model.terms, model.law, model.fit.jumps)
     without = beside.equations_with()
     variance = without.memory * without.rss(without.solve()[0]) / without.samples
     friction = float(np.sqrt(np.mean(problem.z**2)))

@@ -27,10 +27,10 @@ Score = Callable[["NoiseLaw"], float]
 FIRST_GAIN: Final = 6.0
 DERIVED_GAIN: Final = 11.5  # the same where friction is derived: the derivative misses fast changes of acceleration
 ACCEPT_GAIN: Final = 25.0  # the same of further effects: no law is exact, and the residual of one is more than chance
-FEWEST_MEMORIES: Final = 20.0  # correlation times in the data; noise with fewer is a level that drifts as a random walk
+FEWEST_MEMORIES: Final = 20  # correlation times in the data; noise with fewer is a level that drifts as a random walk
 NOISE_SAMPLES: Final = 10_000  # samples, from which the law of the noise is known to some per cent
 NOISE_SEGMENTS: Final = 10  # segments of a long recording from which its noise is fitted
-ROUNDS: Final = 4  # alternations of coefficients and noise, at most
+ROUNDS: Final = 4  # at most, in which parts of a model are fitted in turn
 SETTLED: Final = 0.1  # change of the score at which alternation ends
 LEAST_PIVOT: Final = 1e-4  # of the Cholesky factor of regressors of length 1; below it too many digits are lost
 # Bounds of the noise's parameters, beyond which its law hardly changes: shares of white noise from 3e-4 to 1 - 3e-4,
@@ -38,12 +38,10 @@ LEAST_PIVOT: Final = 1e-4  # of the Cholesky factor of regressors of length 1; b
 WIDEST_SHARE: Final = 8.0
 LONGEST_MEMORY: Final = 7.0
 LONG_MEMORY: Final = 0.95  # φ: noise correlated over some sixty samples can be mistaken for a law of a slow motion
-LARGEST_GROWTH: Final = 4.6
-LARGEST_SPREAD: Final = 14.0
+BOUNDS: Final = {"growth": (-4.6, 4.6), "slew": (0.0, 4.6), "level_spread": (-14.0, 14.0)}  # of the spread: its log
 LEVELS_APART: Final = 100.0  # initial `level_spread` of a fit
 SHORTEST_MEMORY: Final = -4.0  # logit of φ
-NOISE_STARTS: Final = ((0.0, 1.0), (-3.0, 0.0), (0.0, 4.0))  # initial logits of share and φ of AR(1) noise
-DRIFT_START: Final = 4.0  # initial logit of φ of the fit of a drifting level
+NOISE_STARTS: Final = ((0.0, 1.0), (-3.0, 0.0), (0.0, 4.0))  # initial logits of share and φ; the last of a drift, too
 BORDER_MARGIN: Final = 1e-6  # distance, in the logit of φ, from the border between noise and a drifting level
 DESCENT: Final = {"eps": 1e-3, "ftol": 1e-6, "gtol": 0.05}  # converges to some hundredths of the score
 UNUSED_VALUES: Final = (  # values at which a parameter is not in use
@@ -198,16 +196,12 @@ class Series:
         is_jump[self.jumps] = is_jump[begins[1:]] = True
         gap[:: NOISE_SAMPLES // NOISE_SEGMENTS] = 0
         jumps = np.flatnonzero(is_jump[kept])
-        return replace(
-            self,
-            friction=self.friction[kept],
-            sign=self.sign[kept],
-            speed=self.speed[kept],
-            gap=gap,
-            slew=self.slew[kept],
-            jumps=jumps,
-            top_speed=float(np.abs(self.speed).max()),
-        )
+        taken = self._each(lambda values: values[kept])
+        return replace(self, **taken, gap=gap, jumps=jumps, top_speed=float(np.abs(self.speed).max()))
+
+    def _each(self, function: Callable[[FloatArray], FloatArray]) -> dict[str, Any]:
+        """Return a function of each array of measured values, by the array's name."""
+        return {name: function(getattr(self, name)) for name in ("friction", "sign", "speed", "slew")}
 
     def averaged(self, most: int) -> tuple[Series, sparse.csr_array]:
         """Return about `most` means over neighbouring samples, and the averaging operator, (m, n).
@@ -223,14 +217,13 @@ class Series:
             return self, averaging
         gap = np.diff(np.cumsum(self.gap)[first], prepend=0)
         gap[self.gap[first] == 0] = 0
-        friction, sign, speed, slew = (averaging @ row for row in (self.friction, self.sign, self.speed, self.slew))
+        means = self._each(lambda values: averaging @ values)
         # A mean across a change of direction may have no level: a jump there is one of the next mean.
-        lasting = np.flatnonzero(sign)
+        lasting = np.flatnonzero(means["sign"])
         jumps = np.searchsorted(lasting, np.searchsorted(first, self.jumps - width // 2))
         jumps = np.unique(lasting[jumps[(jumps > 0) & (jumps < lasting.size)]])
         memory, top = max(self.memory / width, 1.0), self.top_speed or float(np.abs(self.speed).max())
-        means = replace(self, friction=friction, sign=sign, speed=speed, gap=gap, slew=slew, jumps=jumps)
-        return replace(means, memory=memory, top_speed=top), averaging
+        return replace(self, **means, gap=gap, jumps=jumps, memory=memory, top_speed=top), averaging
 
     @property
     def size(self) -> int:
@@ -431,12 +424,14 @@ def _fitted_noise_law(series: Series, start: NoiseLaw, again: bool) -> NoiseLaw:
         others = best.growth, best.slew, best.level_spread
         if series.memory == 1.0 and (start.correlation > 0.0 or not again):
             try_out(*_fit_ar1(score, best, best if best.correlation > 0.0 else start, series, again))
-        if start.growth != 0.0 or not again:
-            try_out(*_fit_one(score, best, "growth", LARGEST_GROWTH))
-        if not series.jumps_within and (start.slew > 0.0 or not again):
-            try_out(*_fit_one(score, best, "slew", LARGEST_GROWTH, 0.0))
-        if best.level_spread > 0.0:
-            try_out(*_fit_one(score, best, "level_spread", LARGEST_SPREAD))
+        tried = {
+            "growth": start.growth != 0.0 or not again,
+            "slew": not series.jumps_within and (start.slew > 0.0 or not again),
+            "level_spread": best.level_spread > 0.0,
+        }
+        for name, is_tried in tried.items():
+            if is_tried:
+                try_out(*_fit_one(score, best, name))
         for unused in UNUSED_VALUES:  # a parameter that another one has replaced is removed
             plainer = replace(best, **unused)
             if plainer != best:
@@ -458,7 +453,7 @@ def _fit_ar1(score: Score, other: NoiseLaw, start: NoiseLaw, series: Series, aga
     border = float(special.logit(1.0 - FEWEST_MEMORIES / max(series.size, 2.0 * FEWEST_MEMORIES)))
     noise = SHORTEST_MEMORY, min(border, LONGEST_MEMORY) - BORDER_MARGIN
     drifting = min(border, LONGEST_MEMORY) + BORDER_MARGIN, LONGEST_MEMORY if series.may_drift else -np.inf
-    tries = [*((at, noise) for at in NOISE_STARTS), ((0.0, DRIFT_START), drifting)]
+    tries = [*((at, noise) for at in NOISE_STARTS), (NOISE_STARTS[-1], drifting)]
     if start.correlation > 0.0:
         at = float(special.logit(start.white)), float(special.logit(start.correlation))
         tries = [(at, box) for box in (noise, drifting) if not again or box[0] <= at[1] <= box[1]] or [(at, noise)]
@@ -472,15 +467,13 @@ def _fit_ar1(score: Score, other: NoiseLaw, start: NoiseLaw, series: Series, aga
     return min(found, key=lambda one: one[1])
 
 
-def _fit_one(score: Score, law: NoiseLaw, name: str, most: float, least: float | None = None) -> tuple[NoiseLaw, float]:
-    """Fit one parameter of a law within its bounds, `level_spread` by its logarithm; a lower bound None is -`most`."""
+def _fit_one(score: Score, law: NoiseLaw, name: str) -> tuple[NoiseLaw, float]:
+    """Fit one parameter of a law within its bounds, `level_spread` by its logarithm."""
 
     def changed(at: float) -> NoiseLaw:
         return replace(law, **{name: float(np.exp(at) if name == "level_spread" else at)})
 
     options: Any = {"xatol": 0.03, "maxiter": 16}
-    bounds = -most if least is None else least, most
-    found: Any = optimize.minimize_scalar(
-        lambda at: score(changed(at)), bounds=bounds, method="bounded", options=options
-    )
+    minimize: Any = optimize.minimize_scalar
+    found = minimize(lambda at: score(changed(at)), bounds=BOUNDS[name], method="bounded", options=options)
     return changed(float(found.x)), float(found.fun)

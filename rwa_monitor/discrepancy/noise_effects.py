@@ -17,7 +17,7 @@ from rwa_monitor.discrepancy.problem import Problem
 from rwa_monitor.discrepancy.record import FEWEST_FOR_JUMPS, Record
 from rwa_monitor.discrepancy.result import FoundEffect, ParameterValue
 from rwa_monitor.discrepancy.score import scored, with_law
-from rwa_monitor.discrepancy.terms import Model, law_of
+from rwa_monitor.discrepancy.terms import Model
 from rwa_monitor.samples import TINY, BoolArray, FloatArray
 from rwa_monitor.wheel.effects.base import Channels, LikelihoodFit, curvature_std
 from rwa_monitor.wheel.effects.cage_instability import CageInstability
@@ -106,7 +106,7 @@ def with_even_noise(problem: Problem, model: Model, found: Sequence[FoundEffect]
 
 def _effects_of_law(problem: Problem, model: Model) -> list[FoundEffect]:
     """Return the noise effects that the law of a model's noise contains, with the gain of each over the law without."""
-    law = law_of(model)
+    law = model.law
     found = []
     if law.correlation > 0.0:
         phi = min(law.correlation, CATALOGUE[COLOURED].parameters[0].high)
@@ -117,7 +117,9 @@ def _effects_of_law(problem: Problem, model: Model) -> list[FoundEffect]:
     if law.growth > 0.0:
         gain = _gain_over(problem, model, replace(law, growth=0.0))
         std = curvature_std(
-            lambda growth: -0.5 * with_law(problem, model, replace(law, growth=growth)).score, law.growth, GROWTH_STEP
+            lambda growth: -0.5 * with_law(problem, model.terms, model.fit.jumps, replace(law, growth=growth)).score,
+            law.growth,
+            GROWTH_STEP,
         )
         values = {parameter.name: float(parameter.default or 0.0) for parameter in CATALOGUE[SPEED].parameters}
         values["strength_s_rad"] = float(np.expm1(law.growth)) / problem.top_speed
@@ -132,13 +134,13 @@ def _gain_over(problem: Problem, model: Model, plainer: NoiseLaw) -> float:
 
     `accepted` subtracts it.
     """
-    lost = scored(problem, model, plainer, again=True).score - model.score
+    lost = scored(problem, model.terms, model.fit.jumps, plainer, again=True).score - model.score
     return max(0.5 * (lost + problem.log_size), 0.0)
 
 
 def _whitened(problem: Problem, model: Model, views: Sequence[_View]) -> list[_View]:
     """Return the views with the innovations of a model's noise law in place of the residual."""
-    law = law_of(model)
+    law = model.law
     residual = model.fit.residual + problem.z_measured - problem.z
     innovations = Series.of(problem).whitened(residual * problem.sign, law)[0][0]
     return [replace(view, residual=values) for view, values in zip(views, on_slots(problem, innovations), strict=True)]

@@ -12,16 +12,16 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from itertools import pairwise
 from typing import ClassVar, Final
 
 import numpy as np
 
-from rwa_monitor.discrepancy.base_fit import JUMP_PENALTY, jump_price
+from rwa_monitor.discrepancy.base_fit import JUMP_PENALTY, jump_price, pieces
 from rwa_monitor.discrepancy.fitting import LEAST_GAIN_SHARE, Fitting, off_steps
 from rwa_monitor.discrepancy.jump_terms import DecayingJumpTerm, JumpTerm
 from rwa_monitor.discrepancy.likelihood import ACCEPT_GAIN
 from rwa_monitor.discrepancy.problem import Problem
+from rwa_monitor.discrepancy.record import LOST_DIGITS
 from rwa_monitor.discrepancy.result import ParameterValue
 from rwa_monitor.discrepancy.score import held_out
 from rwa_monitor.discrepancy.search import prune
@@ -38,8 +38,6 @@ BLOCKS: Final = 3_000  # of a record, between which the segmentation may cut; ea
 SHORTEST_BLOCKS: Final = 3  # of a segment: shorter ones are blocks that contain a jump
 MOST_CHANGES: Final = 24  # more are a law of speed, not jumps
 HELD_OUT_BLOCKS: Final = 41  # so short that each slope occurs in blocks of both parities
-EXACT_ENERGY: Final = 1e15  # times the largest energy: that of a multiple that is known exactly
-DECAYED_SHARE: Final = 1e-6  # of a relaxing jump: less counts as zero
 RATIO: Final = 1.5  # between successive time constants that are tried
 
 
@@ -70,10 +68,9 @@ class SlopeJumps(OwnJumps, wraps=ViscousJump):
     def nearest(cls, problem: Problem, model: Model, index: int) -> dict[str, ParameterValue]:
         """Return the strength of `viscous_jump`, whose slopes follow the dry level, that fits these slopes best."""
         (parameter,) = ViscousJump.parameters
-        torque = model.terms[index].columns @ model.strengths(index)
         # Slopes are relative to that of one segment: their common part belongs to the base law.
         design = np.stack([problem.speed, model.fit.level * problem.speed], axis=1)
-        strength = float(np.clip(np.linalg.lstsq(design, torque)[0][1], parameter.low, parameter.high))
+        strength = float(np.clip(np.linalg.lstsq(design, model.torque(index))[0][1], parameter.low, parameter.high))
         note = "the coefficient's jumps are not in proportion to those of the dry friction"
         return {parameter.name: ParameterValue(strength, None, parameter.unit, note)}
 
@@ -109,7 +106,7 @@ def with_own_jumps(fitting: Fitting, model: Model, simpler: Model, effects: Sequ
     """
     tried = {effect.name for effect in effects}
     ways = {SlopeJumps.name: _with_slope_jumps, RelaxingJumps.name: _with_relaxing_jumps}
-    found = [with_it(fitting, model, simpler) or model for name, with_it in ways.items() if name in tried]
+    found = [with_it(fitting, model, simpler) for name, with_it in ways.items() if name in tried]
     best = min(found, key=lambda one: one.score, default=model)
     if model.score - best.score < ACCEPT_GAIN:
         return None
@@ -120,30 +117,31 @@ def with_own_jumps(fitting: Fitting, model: Model, simpler: Model, effects: Sequ
     return best if all(one.score > best.score for one in alternatives) else None
 
 
-def _with_slope_jumps(fitting: Fitting, model: Model, simpler: Model) -> Model | None:
-    """Return the best model with jumps of the viscous coefficient; None if it predicts no better, or a drift fits."""
+def _with_slope_jumps(fitting: Fitting, model: Model, simpler: Model) -> Model:
+    """Return the best model with jumps of the viscous coefficient that predicts better, and where no drift fits."""
     problem = fitting.problem
     best = _best_with(fitting, model, simpler, [_Basis(problem)])
-    if best is None:
-        return None
-    before, after = (held_out(problem, one, HELD_OUT_BLOCKS).log_score for one in (model, best))
-    if after <= before:
-        return None
+
+    def log_score(one: Model) -> float:
+        return held_out(problem, one, HELD_OUT_BLOCKS).log_score
+
+    if best is model or log_score(best) <= log_score(model):
+        return model
     drifting = fitting.refitted((*best.terms[:-1], _drifting(problem, best.terms[-1])), best, [best.fit.jumps])
-    return best if drifting.score > best.score else None
+    return best if drifting.score > best.score else model
 
 
-def _with_relaxing_jumps(fitting: Fitting, model: Model, simpler: Model) -> Model | None:
+def _with_relaxing_jumps(fitting: Fitting, model: Model, simpler: Model) -> Model:
     """Return the best model with drag that jumps and relaxes, over all time constants."""
     low, high = shape_limits(fitting.problem, DecayingJumpTerm)["time_constant_s"]
     if not low < high:
-        return None
+        return model
     seconds = np.geomspace(low, high, int(np.log(high / low) / np.log(RATIO)) + 2).tolist()
     return _best_with(fitting, model, simpler, [_Basis(fitting.problem, one) for one in seconds])
 
 
-def _best_with(fitting: Fitting, model: Model, simpler: Model, bases: Sequence[_Basis]) -> Model | None:
-    """Return the best model with multiples of one of the basis functions, or None where none gains enough.
+def _best_with(fitting: Fitting, model: Model, simpler: Model, bases: Sequence[_Basis]) -> Model:
+    """Return the best model with multiples of one of the basis functions; as it is where none gains enough.
 
     Starts from the given model without the catalogue's effect of the same name, and from the simpler model: effects of
     the given one may only mimic such jumps.
@@ -157,7 +155,7 @@ def _best_with(fitting: Fitting, model: Model, simpler: Model, bases: Sequence[_
         best = min(rough, key=lambda one: one.score, default=start)
         if start.score - best.score > LEAST_GAIN_SHARE * max(start.score - model.score, 0.0):
             found.append(prune(fitting, fitting.refined(best), keep_last=True))
-    return min(found, key=lambda one: one.score, default=None)
+    return min(found, key=lambda one: one.score, default=model)
 
 
 # ---- where the multiple changes --------------------------------------------------------------------------------------
@@ -201,12 +199,12 @@ def _segmented(basis: _Basis, model: Model) -> Term | None:
     problem = basis.problem
     values, price = model.fit.level + model.fit.residual, jump_price(problem)
     cuts: list[int] = []
-    for begin, end in pairwise(problem.starts.tolist()):
-        if end > begin:
-            width = max((end - begin) // BLOCKS, 1)
-            first = np.arange(begin, end, width)
-            found = first[optimal_curves(_sums(basis, values, first, end), np.append(basis.keep(first), 1.0), price)]
-            cuts += [begin, *_refined_cuts(basis, values, np.concatenate([[begin], found, [end]]), width)]
+    for piece in pieces(problem):
+        begin, end = piece.start, piece.stop
+        width = max((end - begin) // BLOCKS, 1)
+        first = np.arange(begin, end, width)
+        found = first[optimal_curves(_sums(basis, values, first, end), np.append(basis.keep(first), 1.0), price)]
+        cuts += [begin, *_refined_cuts(basis, values, np.concatenate([[begin], found, [end]]), width)]
     places = _merged_changes(basis, values, np.array(cuts, dtype=np.int64), price)
     return _term(basis, places) if 0 < places.size <= MOST_CHANGES else None
 
@@ -247,27 +245,20 @@ def _merged_changes(basis: _Basis, values: FloatArray, first: IntArray, price: f
     Of drag that relaxes, only upward jumps: a pocket of oil that is run over adds drag.
     """
     n, x, z, xx, xz, _ = _sums(basis, values, first, values.size)
-    energy, moment, keep = xx - x * x / n, xz - x * z / n, basis.keep(first)  # relative to each segment's beginning
-    known = EXACT_ENERGY * energy.max()
-    if basis.relaxes:  # before the first jump there is nothing to relax
-        first, keep = np.append(-1, first), np.append(0.0, keep)
-        energy, moment = np.append(known, energy), np.append(0.0, moment)
-    while first.size > 1:
-        vanished = keep < DECAYED_SHARE
-        before = np.where(vanished, known, np.minimum(energy[:-1] / np.where(vanished, 1.0, keep**2), known))
-        of_before = np.where(vanished, 0.0, moment[:-1] / np.where(vanished, 1.0, keep))
-        both = before * energy[1:]
-        change = np.where(both > 0.0, moment[1:] * before - of_before * energy[1:], 0.0)
-        costs = change**2 / np.where(both > 0.0, both * (before + energy[1:]), 1.0)
-        i = int(np.argmin(costs))
-        if costs[i] >= price:
-            return first[1:][change > 0.0] if basis.relaxes else first[1:]
-        energy[i] += keep[i] ** 2 * energy[i + 1]
-        moment[i] += keep[i] * moment[i + 1]
-        keep[i + 1 : i + 2] *= keep[i]
-        energy, moment, first = (np.delete(of_each, i + 1) for of_each in (energy, moment, first))
-        keep = np.delete(keep, i)
-    return first[1:]
+    energy = np.maximum(xx - x * x / n, LOST_DIGITS * xx.max())  # relative to each segment's beginning
+    # A change is a multiple less what is left there of the one before.
+    step = np.eye(first.size) - np.diag(basis.keep(first), -1)
+    change, covariance = step @ ((xz - x * z / n) / energy), (step / energy) @ step.T
+    given = 0 if basis.relaxes else 1  # multiples that are no changes: before the first jump there is nothing to relax
+    while first.size > given:
+        costs = change[given:] ** 2 / covariance.diagonal()[given:]
+        i = given + int(np.argmin(costs))
+        if costs[i - given] >= price:
+            break
+        share = covariance[i] / covariance[i, i]
+        change, first = np.delete(change - share * change[i], i), np.delete(first, i)
+        covariance = np.delete(np.delete(covariance - np.outer(share, covariance[i]), i, 0), i, 1)
+    return first[change > 0.0] if basis.relaxes else first[1:]
 
 
 def _term(basis: _Basis, places: IntArray) -> Term:

@@ -24,7 +24,7 @@ from scipy.signal import savgol_filter
 
 from rwa_monitor.discrepancy import alignment
 from rwa_monitor.discrepancy.bench import MAX_GAP_FACTOR, WINDOW_SHARE, is_even, with_turns
-from rwa_monitor.discrepancy.derived_friction import Motion, Steps, derived_friction, steps_of
+from rwa_monitor.discrepancy.derived_friction import Motion, Steps, derived_friction, spread_of_differences, steps_of
 from rwa_monitor.discrepancy.plausible import (
     MeasuredConstant,
     check_inertia,
@@ -48,7 +48,6 @@ LARGEST_SPEED_NOISE: Final = 0.02
 REST_BAND_IN_SPEED_NOISE: Final = 5.0  # below this many standard deviations of its noise the sign of ω is unknown
 TEMPERATURE_MARGIN: Final = 0.1  # of a record's temperature range, by which its law may be extrapolated on either side
 ROUNDING: Final = 1e-5  # of the RMS of a channel: anything smaller is rounding of the table, not sensor noise
-RAMP_SHARE: Final = 0.5  # of the samples: friction that is a ramp on more of them is a command
 SMOOTHER: Final = 0.5  # ratio of second differences, below which those of the speed are mostly noise
 SMOOTHING_WIDTHS: Final = (5, 7, 11, 15, 21, 31, 41)  # slots that a parabola is fitted to, increasing
 NEARLY_ALL: Final = 0.9  # of the square of dω/dt, for which slots are then used that miss no more than the rest
@@ -168,22 +167,16 @@ def make_record(samples: Samples, wheel: Wheel, source: str, delay: alignment.De
         values lie beyond the wheel's limits (wrong units), speed and torque imply an inertia in another unit, a
         measured angle does not follow the speed, or a channel is at its end stop most of the time.
     """
-    check_plausible(samples, wheel, source)
-    measured, samples = samples, with_turns(without_end_stops(samples, source), source)
-    slot = _slots_of(samples, wheel, source)
-    read = source_of(samples, wheel, source)
-    motion = _motion(samples, wheel, slot, read)
+    measured = samples
+    samples, slot, read, motion = _read(samples, wheel, source)
+    samples = with_turns(samples, source)
     if motion.torque_Nm is not None:
         of_torque = "motor_current_A" if samples.motor_torque_Nm is None else "motor_torque_Nm"
         check_inertia(motion.speed_rad_s, motion.torque_Nm, wheel, source, of_torque)
     if delay is not None:
         motion = alignment.aligned(motion, wheel, delay.slots, delay.part)
     speed, torque, friction = motion.speed_rad_s, motion.torque_Nm, motion.friction_Nm
-    derived, seen = friction is None, speed
-    follows_noise = friction is None or not _noise_is_in_speed(friction, speed)
-    if friction is not None and not follows_noise:
-        speed = _smoothed_speed(speed, friction)
-        motion = replace(motion, speed_rad_s=speed)
+    derived, seen, follows_noise = friction is None, speed, True
     corrected = error = None
     if friction is None:
         assert torque is not None, "there is a source"
@@ -191,6 +184,10 @@ def make_record(samples: Samples, wheel: Wheel, source: str, delay: alignment.De
         friction, corrected, corners, error = known.friction_Nm, known.corrected, known.corners, known.filter_error_Nm
         hole, reach = half_width(wheel.friction.derivative, wheel.sample_period_s), SMOOTHING_REACH
     else:
+        follows_noise = not _noise_is_in_speed(friction, speed)
+        if not follows_noise:
+            speed = _smoothed_speed(speed, friction)
+            motion = replace(motion, speed_rad_s=speed)
         (hole, reach), corners = _fitting_reach(speed), 0
 
     at_corner = _corners(speed, hole + reach)
@@ -207,6 +204,12 @@ def make_record(samples: Samples, wheel: Wheel, source: str, delay: alignment.De
             at_corner = binary_dilation(at_corner, iterations=hole)
         corners += _count(used & at_corner)
         used &= ~at_corner
+    why_not_used = {
+        "in the dead zone of the speed reading": 0 if motion.zone is None else _count(motion.zone.inside),
+        "at corners of the speed, where dω/dt is not known": corners,
+        "at rest": _count(good & ~moving),
+        "averaged over a reversal of the speed": _count(moving & averaged),
+    }
     return Record(
         source=source,
         channels=channels,
@@ -218,7 +221,7 @@ def make_record(samples: Samples, wheel: Wheel, source: str, delay: alignment.De
         corrected=corrected,
         derivative_slots=2 * hole + 1 if derived else 0,
         filter_error_Nm=error,
-        left_out=_left_out(measured, samples, read, motion.zone, corners, good & ~moving, moving & averaged, used),
+        left_out=_left_out(measured, samples, read, why_not_used, used),
         steps=motion.steps,
         measured_constants=measured_constants(samples, wheel),
         zone=motion.zone,
@@ -238,7 +241,7 @@ def _is_command(friction_Nm: FloatArray, speed_rad_s: FloatArray) -> bool:
     )
     known = np.isfinite(np.diff(friction_Nm, 2) + np.diff(speed_rad_s, 2))
     ramp = known & ~bend & of_speed & (friction_Nm[2:] != friction_Nm[:-2])
-    return int(np.count_nonzero(ramp)) > RAMP_SHARE * max(int(np.count_nonzero(known)), 1)
+    return 2 * _count(ramp) > _count(known)
 
 
 def _noise_is_in_speed(friction_Nm: FloatArray, speed_rad_s: FloatArray) -> bool:
@@ -285,9 +288,7 @@ def without_known_effects(record: Record, wheel: Wheel) -> Record:
     torque, viscous_speed, _ = effect_torque(
         effects, record.channels, record.friction_torque_Nm, viscous, [None] * len(effects)
     )
-    own = None
-    if viscous_speed is not record.channels.speed_rad_s:
-        own = np.where(np.isfinite(viscous_speed), viscous_speed, record.channels.speed_rad_s)
+    own = np.where(np.isfinite(viscous_speed), viscous_speed, record.channels.speed_rad_s)
     friction = record.friction_torque_Nm - np.nan_to_num(torque)
     return replace(record, friction_torque_Nm=friction, own_viscous_rad_s=own)
 
@@ -319,13 +320,11 @@ def _channels(
         direction=np.sign(speed),
         acceleration_rad_s2=slope / wheel.sample_period_s,
         angle_rad=turned if measured is None else measured,
-        motor_torque_Nm=None if torque is None else _from_neighbours(torque, 0, SMOOTHING_REACH, order=0),
+        motor_torque_Nm=None if torque is None else _from_neighbours(torque, 0),
         bearing_temperature_degC=_smoothed_slow_channel(_on_grid(samples.bearing_temperature_degC, slot)),
         sample_period_s=wheel.sample_period_s,
         good=np.isfinite(speed) & np.isfinite(friction),
-        motor_torque_rate_Nm_s=(
-            None if torque is None else _from_neighbours(torque, 0, SMOOTHING_REACH, order=1) / wheel.sample_period_s
-        ),
+        motor_torque_rate_Nm_s=(None if torque is None else _from_neighbours(torque, 1) / wheel.sample_period_s),
         measured_angle_rad=measured,
         bus_voltage_V=_smoothed_slow_channel(_on_grid(samples.bus_voltage_V, slot)),
     )
@@ -346,21 +345,12 @@ def _measured_angle(angle: FloatArray | None, turned: FloatArray) -> FloatArray 
 
 def left_out_in_words(records: Sequence[Record]) -> str:
     """Return a text of how many samples are excluded from the search, and why; "" where none is."""
-    total: Counter[str] = Counter()
-    for record in records:
-        total.update(record.left_out)
+    total = sum((Counter(record.left_out) for record in records), Counter[str]())
     return "left out: " + ", ".join(f"{count} {why}" for why, count in total.items()) if total else ""
 
 
 def _left_out(
-    measured: Samples,
-    without_stops: Samples,
-    read: Source,
-    zone: ReadZone | None,
-    corners: int,
-    at_rest: BoolArray,
-    averaged: BoolArray,
-    used: BoolArray,
+    measured: Samples, without_stops: Samples, read: Source, known_why: dict[str, int], used: BoolArray
 ) -> dict[str, int]:
     """Count the samples that are not used, by reason; those without another reason lack a derivative.
 
@@ -369,18 +359,12 @@ def _left_out(
     before, after = (
         np.isfinite(samples.speed_rad_s) & np.isfinite(getattr(samples, read)) for samples in (measured, without_stops)
     )
-    known_why = {
-        "in the dead zone of the speed reading": 0 if zone is None else _count(zone.inside),
-        "at corners of the speed, where dω/dt is not known": corners,
-        "at rest": _count(at_rest),
-        "averaged over a reversal of the speed": _count(averaged),
-    }
-    derived = _count(used) + sum(known_why.values())
+    underivable = _count(after) - _count(used) - sum(known_why.values())
     reasons = {
         "without a value of speed or torque": _count(~before),
         "at the end stop of a channel, or among such": _count(before & ~after),
         **known_why,
-        "beside gaps and ends, where friction cannot be derived": _count(after) - derived,
+        "beside gaps and ends, where friction cannot be derived": underivable,
     }
     return {why: count for why, count in reasons.items() if count}
 
@@ -397,24 +381,25 @@ def motions_of(recordings: Sequence[tuple[str, Samples]], wheel: Wheel) -> list[
     InputError
         As `make_record` does.
     """
-    motions = []
-    for source, samples in recordings:
-        check_plausible(samples, wheel, source)
-        kept = without_end_stops(samples, source)
-        motions.append(_motion(kept, wheel, _slots_of(kept, wheel, source), source_of(kept, wheel, source)))
-    return motions
+    return [_read(samples, wheel, source)[-1] for source, samples in recordings]
 
 
-def _motion(samples: Samples, wheel: Wheel, slot: IntArray, read: Source) -> Motion:
-    """Return speed, motor torque and given friction on the slots; the speed is NaN in a dead zone of its readings."""
+def _read(samples: Samples, wheel: Wheel, source: str) -> tuple[Samples, IntArray, Source, Motion]:
+    """Return the samples less end stops, their slots, the channel that friction comes from, and the motion.
+
+    The speed is NaN in a dead zone of its readings.
+    """
+    check_plausible(samples, wheel, source)
+    samples = without_end_stops(samples, source)
+    slot, read = _slots_of(samples, wheel, source), source_of(samples, wheel, source)
     speed = _on_grid(samples.speed_rad_s, slot)
     assert speed is not None
     zone = read_zone(speed, quantisation_step(speed[np.isfinite(speed)]) or 0.0)
     if zone is not None:
         speed = np.where(zone.inside, np.nan, speed)
     torque = _on_grid(motor_torque(samples, wheel), slot)
-    steps = steps_of(samples, wheel, read)
-    return Motion(speed, torque, _on_grid(samples.friction_torque_Nm, slot), steps, zone)
+    motion = Motion(speed, torque, _on_grid(samples.friction_torque_Nm, slot), steps_of(samples, wheel, read), zone)
+    return samples, slot, read, motion
 
 
 def _on_grid(values: FloatArray | None, slot: IntArray) -> FloatArray | None:
@@ -444,7 +429,7 @@ def _slots_of(samples: Samples, wheel: Wheel, source: str) -> IntArray:
 def _accelerating_torque(torque: FloatArray, friction: FloatArray, channels: Channels, wheel: Wheel) -> FloatArray:
     """Return the accelerating torque [N m]: J·dω/dt, or motor torque minus friction where the inertia is unknown."""
     if wheel.inertia_kg_m2 is None:
-        return _from_neighbours(torque - friction, 0, SMOOTHING_REACH, order=0)
+        return _from_neighbours(torque - friction, 0)
     return wheel.inertia_kg_m2 * channels.acceleration_rad_s2
 
 
@@ -458,12 +443,12 @@ def _fitting_reach(speed: FloatArray) -> tuple[int, int]:
     if not usual[0] or not known.any():
         return usual
     noise = _noise_of_differences(speed)
-    nearest = _from_neighbours(speed, 0, 1, order=1)
+    nearest = _from_neighbours(speed, 1, reach=1)
     power = float(np.mean(nearest[known] ** 2)) - noise / 2
 
     def missed(hole: int, reach: int) -> float:
         """Return the share of the square of dω/dt that its estimate from these slots misses."""
-        off = _from_neighbours(speed, hole, reach, order=1) - nearest
+        off = _from_neighbours(speed, 1, hole, reach) - nearest
         own = noise / (2 * sum(j * j for j in range(hole + 1, hole + reach + 1)))
         return (float(np.mean(off[known] ** 2)) - noise / 2 + (-own if hole else own)) / power
 
@@ -478,7 +463,7 @@ def _noise_of_differences(values: FloatArray) -> float:
     return min(float(np.mean(np.diff(whole, k) ** 2)) / comb(2 * k, k) for k in range(2, 7))
 
 
-def _from_neighbours(values: FloatArray, hole: int, reach: int, order: int) -> FloatArray:
+def _from_neighbours(values: FloatArray, order: int, hole: int = 0, reach: int = SMOOTHING_REACH) -> FloatArray:
     """Estimate value (order 0) or slope per slot (order 1) at each slot from slots hole+1 … hole+reach on both sides.
 
     Symmetric least squares: the mean, or Σ j v_j / Σ j². Gaps are interpolated linearly; beyond the ends the nearest
@@ -496,7 +481,7 @@ def _slope(speed: FloatArray, hole: int, reach: int, corners: BoolArray) -> Floa
 
     From one side alone where a corner, bool (n,), or an end lies on the other.
     """
-    slope, far = _from_neighbours(speed, hole, reach, order=1), hole + reach
+    slope, far = _from_neighbours(speed, 1, hole, reach), hole + reach
     if not corners.any():
         return slope
     rise = np.zeros(2 * far + 1)  # weights of the slope of the slots after one
@@ -554,17 +539,14 @@ def _smoothed_slow_channel(values: FloatArray | None) -> FloatArray | None:
     """Average a slow channel over neighbouring slots; None where it is missing or has no values."""
     if values is None or not np.isfinite(values).any():
         return None
-    return _from_neighbours(values, 0, SMOOTHING_REACH, order=0)
+    return _from_neighbours(values, 0)
 
 
 def _speed_noise(speed: FloatArray) -> float:
     """Return the standard deviation of the speed channel's noise [rad/s]."""
-    second = np.diff(speed, 2)  # of neighbours only: across a gap they contain the motion
-    second = np.abs(second[np.isfinite(second)])
-    if second.size == 0:
-        return 0.0
-    noise = float(np.median(second) / 0.6745 / np.sqrt(6.0))  # var(v₀ - 2v₁ + v₂) = 6σ²
-    return min(noise, LARGEST_SPEED_NOISE * float(np.nanmedian(np.abs(speed))))
+    # Of neighbours only: across a gap they contain the motion. var(v₀ - 2v₁ + v₂) = 6σ².
+    noise = spread_of_differences(np.diff(speed), 1, 0.0) / np.sqrt(6.0)
+    return min(noise, LARGEST_SPEED_NOISE * float(np.nanmedian(np.abs(speed)))) if np.isfinite(noise) else 0.0
 
 
 def _at_rest(speed: FloatArray, noise: float, dead_band: float | None) -> BoolArray:
@@ -624,7 +606,7 @@ def averages_over_reversals(speed_rad_s: FloatArray, drag_Nm: FloatArray, noise_
     level = np.nanmedian(near[around], axis=1)
     along, *shifted = (
         _mean_signs(speed_rad_s + shift)[:, around] * sign[around]
-        for shift in (0.0, -SIGN_STDS * noise_rad_s, SIGN_STDS * noise_rad_s)
+        for shift in np.array([0.0, -SIGN_STDS, SIGN_STDS]) * noise_rad_s
     )
     straddles = along < REVERSAL_MEAN_SIGN  # False where the interval reaches beyond the record (NaN)
     point_misfit = np.broadcast_to(np.abs(drag_Nm[around] - level), along.shape)
@@ -643,15 +625,10 @@ def _mean_signs(speed_rad_s: FloatArray) -> FloatArray:
 
     The intervals are centred on, end at, or begin at their samples; NaN where they reach beyond the record.
     """
-    middle = 0.5 * (speed_rad_s[1:] + speed_rad_s[:-1])
-    first, last = (_mean_sign(speed_rad_s[:-1], middle), _mean_sign(middle, speed_rad_s[1:]))  # halves of an interval
-    whole = _mean_sign(speed_rad_s[:-1], speed_rad_s[1:])
-    centred = 0.5 * (np.append(np.nan, last) + np.append(first, np.nan))
-    return np.stack([centred, np.append(np.nan, whole), np.append(whole, np.nan)])
-
-
-def _mean_sign(begin: FloatArray, end: FloatArray) -> FloatArray:
-    """Return the mean sign of a linear change from one value to the other, float64 (n,)."""
-    change = end - begin
-    constant = change == 0.0
-    return np.where(constant, np.sign(begin), (np.abs(end) - np.abs(begin)) / np.where(constant, 1.0, change))
+    halfway = np.linspace(speed_rad_s[:-1], speed_rad_s[1:], 3)
+    change = np.diff(halfway, axis=0)
+    rise = np.diff(np.abs(halfway), axis=0)
+    first, last = np.where(change == 0.0, np.sign(halfway[:-1]), rise / np.where(change == 0.0, 1.0, change))
+    before, after = np.append(np.nan, last), np.append(first, np.nan)
+    whole = 0.5 * (first + last)
+    return np.stack([0.5 * (before + after), np.append(np.nan, whole), np.append(whole, np.nan)])

@@ -119,7 +119,7 @@ class DiscrepancyResult:
     effects: tuple[FoundEffect, ...]
     unexplained: Unexplained | None
     untested: tuple[tuple[str, str], ...]  # effect, what is missing
-    gain: Gain | None
+    gain: Gain
 
     def to_json(self) -> dict[str, Any]:
         """Return the report with the fields of the message `rwa.Discrepancy`."""
@@ -128,7 +128,7 @@ class DiscrepancyResult:
             "effects": [effect.to_json() for effect in self.effects],
             "unexplained": self.unexplained and self.unexplained.model_dump(),
             "untested": [{"effect": name, "missing": missing} for name, missing in self.untested],
-            "gain": self.gain and self.gain.model_dump(),
+            "gain": self.gain.model_dump(),
         }
 
 

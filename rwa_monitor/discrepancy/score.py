@@ -17,9 +17,12 @@ from scipy import sparse
 
 from rwa_monitor.discrepancy.base_fit import (
     JUMP_PENALTY,
+    LEVEL_SAMPLES,
+    REVERSAL,
     Fit,
     jump_price,
     levels,
+    pieces,
     remove_levels,
     segment_correlated,
     segment_records,
@@ -27,53 +30,48 @@ from rwa_monitor.discrepancy.base_fit import (
 )
 from rwa_monitor.discrepancy.likelihood import NO_JUMPS, Equations, NoiseLaw, Series, Whitening, fit_noise
 from rwa_monitor.discrepancy.problem import MAX_LAG, Problem
-from rwa_monitor.discrepancy.terms import Model, Term, depends_on_level, law_of, make_term
+from rwa_monitor.discrepancy.terms import Model, Term, depends_on_level, make_term
 from rwa_monitor.samples import TINY, FloatArray, IntArray
 
-REVERSAL: Final = 5  # samples from a reversal: there bristles turn over, filters smear, and a jump is not identifiable
 SCREENED: Final = 20_000  # means of neighbouring samples: a longer record is averaged to about so many
-LEVEL_SAMPLES: Final = 64  # at most, from which the level on each side of a change of direction is estimated
 BASE_PARAMETERS: Final = 2  # dry and viscous friction
 
 
-def scored(problem: Problem, model: Model, start: NoiseLaw | None = None, *, again: bool = False) -> Model:
-    """Fit the noise's law of a model; return the model with it, its score, and the best coefficients under that law.
+def scored(
+    problem: Problem, terms: Sequence[Term], jumps: IntArray, start: NoiseLaw | None = None, *, again: bool = False
+) -> Model:
+    """Return the model of terms and jumps, with the law of its noise fitted, the best coefficients, and its score.
 
     Parameters
     ----------
-    problem, model
-        The data, and a model with the jumps that its fit has.
+    problem, terms, jumps
+        The data, the effects, and the first sample of each new level, int64 (j,).
     start
         A law of the noise to begin with.
     again
         Whether that is the law of nearly the same model: then laws near it alone are tried.
     """
-    series = Series.of(problem, model.fit.jumps)
+    series = Series.of(problem, jumps)
     law = start or (NoiseLaw().separate_levels if series.several else NoiseLaw())
     if problem.has_noise:
-        law, _ = fit_noise(series, *regressors(series, model.terms), law, again=again and start is not None)
-    return with_law(problem, model, law)
+        law, _ = fit_noise(series, *regressors(series, terms), law, again=again)
+    return with_law(problem, terms, jumps, law)
 
 
-def with_law(problem: Problem, model: Model, law: NoiseLaw, jumps: IntArray | None = None) -> Model:
-    """Return a model with the coefficients that are best under a law of the noise, and its score.
-
-    `jumps`, int64 (j,), take the place of those of its fit.
-    """
-    jumps = model.fit.jumps if jumps is None else jumps
+def with_law(problem: Problem, terms: Sequence[Term], jumps: IntArray, law: NoiseLaw) -> Model:
+    """Return the model of terms and jumps with the coefficients that are best under a law of the noise."""
     series = Series.of(problem, jumps)
     law = law.for_series(series)
-    rows, low, high = regressors(series, model.terms)
+    rows, low, high = regressors(series, terms)
     coefficients, deviance = Equations.of(series, rows, low, high, law).solve()
-    parameters = price(model.terms) + JUMP_PENALTY * jumps.size
-    fit = _fit(problem, series, rows, coefficients, law)
+    parameters = price(terms) + JUMP_PENALTY * jumps.size
     score = deviance + problem.log_size * parameters + law.price(series.size)
-    return replace(model, fit=fit, law=law, score=score + constants_deviance(problem, model.terms, coefficients[2:]))
+    score += constants_deviance(problem, terms, coefficients[2:])
+    return Model(tuple(terms), _fit(problem, series, rows, coefficients, law), law, score)
 
 
 def with_exact_jumps(problem: Problem, model: Model) -> Model:
     """Return a scored model with the optimal jumps given its coefficients and noise, where that lowers the score."""
-    assert model.law is not None, "the model is scored"
     series, law = Series.of(problem), model.law
     if law.white > 1.0 - law.memory**2:
         return model  # its innovations as AR(1) noise are so small that white noise would be segmented into jumps
@@ -81,9 +79,9 @@ def with_exact_jumps(problem: Problem, model: Model) -> Model:
     spread = series.spread(law)
     variance = series.memory * float(np.mean((model.fit.residual / spread) ** 2)) * spread**2
     along, slot = model.fit.level + model.fit.residual, np.cumsum(np.maximum(series.gap, 1))
-    apart, jumps = np.flatnonzero(problem.to_reversal >= REVERSAL), [np.zeros(0, dtype=np.int64)]
-    for a, b in pairwise(problem.starts.tolist()):
-        kept = apart[(apart >= a) & (apart < b)]
+    apart, jumps = np.flatnonzero(problem.to_reversal >= REVERSAL), [NO_JUMPS]
+    for piece in pieces(problem):
+        kept = apart[(apart >= piece.start) & (apart < piece.stop)]
         if kept.size:
             flips = np.append(1.0, series.sign[kept[1:]] * series.sign[kept[:-1]])
             correlation = flips * law.memory ** np.diff(slot[kept], prepend=slot[kept[0]] - 1)
@@ -93,7 +91,7 @@ def with_exact_jumps(problem: Problem, model: Model) -> Model:
     exact = _placed(problem, along, np.concatenate(jumps))
     if np.array_equal(exact, model.fit.jumps):
         return model
-    return min(model, with_law(problem, model, law, exact), key=lambda one: one.score)
+    return min(model, with_law(problem, model.terms, exact, law), key=lambda one: one.score)
 
 
 def off_reversals(problem: Problem, along: FloatArray, jumps: IntArray) -> IntArray:
@@ -223,19 +221,15 @@ class Background:
 
     def equations_with(self, *terms: Term) -> Equations:
         """Return the normal equations with further terms."""
-        if not terms:
-            return self._equations(self.products, self.low, self.high)
-        columns = self.whitening.innovations(np.hstack([self.averaging @ term.columns for term in terms]).T)
-        across = self.white @ columns.T
-        products = np.block([[self.products, across], [across.T, columns @ columns.T]])
+        products = self.products
+        if terms:
+            columns = self.whitening.innovations(np.hstack([self.averaging @ term.columns for term in terms]).T)
+            across = self.white @ columns.T
+            products = np.block([[products, across], [across.T, columns @ columns.T]])
         low = np.concatenate([self.low, *(term.low for term in terms)])
         high = np.concatenate([self.high, *(term.high for term in terms)])
         high[1] = _viscous_bound(high[1], terms)
-        return self._equations(products, low, high)
-
-    def _equations(self, products: FloatArray, low: FloatArray, high: FloatArray) -> Equations:
-        filtered = self.whitening
-        return Equations.of_products(filtered.series, products, low, high, filtered.log_determinant)
+        return Equations.of_products(self.whitening.series, products, low, high, self.whitening.log_determinant)
 
     def criterion_with(self, *terms: Term) -> float:
         """Return the score with further terms."""
@@ -251,7 +245,7 @@ def _fit(problem: Problem, series: Series, rows: FloatArray, coefficients: Float
     residual = rest - coefficients[0]
     if series.jumps.size or law.level_spread > 0.0:
         residual = remove_levels(rest, segment_starts(problem, series.jumps))
-    return Fit(series.jumps, coefficients[1:], rest - residual, residual, float(residual @ residual))
+    return Fit(series.jumps, coefficients[1:], rest - residual, residual)
 
 
 # ---- how well the coefficients of a model are known ------------------------------------------------------------------
@@ -272,7 +266,7 @@ def wald(problem: Problem, model: Model) -> FloatArray:
     """
     if problem.size < SEGMENTS * MAX_LAG:
         return np.full(len(model.terms), np.inf)
-    torques = np.column_stack([term.columns @ model.strengths(i) for i, term in enumerate(model.terms)])
+    torques = np.column_stack([model.torque(i) for i in range(len(model.terms))])
     std = standard_deviations(problem, model, np.column_stack([torques, problem.speed]))[:-1]
     squares = np.where(torques.any(axis=0), 1.0 / np.maximum(std**2, TINY), 0.0)
     return np.where([term.effect.family == "switching" for term in model.terms], np.inf, squares)
@@ -285,7 +279,7 @@ def standard_deviations(problem: Problem, model: Model, columns: FloatArray) -> 
     """
     series = Series.of(problem, model.fit.jumps)
     rows = np.vstack([model.fit.residual, columns.T, np.ones(problem.size)]) * series.sign
-    white, _ = series.whitened(rows, law_of(model))
+    white, _ = series.whitened(rows, model.law)
     residual, design = white[0], white[1:].T
     variance = series.memory * float(residual @ residual) / residual.size
     scale = np.sqrt(np.sum(design**2, axis=0))
@@ -350,17 +344,16 @@ class HeldOut:
 
 def held_out(problem: Problem, model: Model, blocks: int = BLOCKS) -> HeldOut:
     """Score a model on blocks of time, each with the strengths and the slope fitted to the other blocks."""
-    problem = replace(problem, z=problem.z - model.of_own_jumps(problem.size))
+    problem = replace(problem, z=problem.z - model.of_own_jumps)
     places = [term.places for term in model.terms if term.places is not None]
     series = Series.of(problem, model.fit.jumps)
     rows, low, high = regressors(series, [term for term in model.terms if term.places is None])
-    white, _ = series.whitened(np.vstack([series.friction, rows]), law_of(model))
+    white, _ = series.whitened(np.vstack([series.friction, rows]), model.law)
     energy, jumps = np.sum(white**2, axis=1), model.fit.jumps if model.fit.jumps.size else None
     whitening = _whitening(problem, model, jumps)
-    block = np.searchsorted(_first_of(blocks, series.size), np.arange(series.size), side="right") - 1
     residual, innovations, variance = np.zeros((3, series.size))
-    for b in range(blocks):
-        here, train = block == b, white[:, block != b]
+    for begin, end in pairwise(_edges(blocks, series.size).tolist()):
+        here, train = slice(begin, end), np.delete(white, slice(begin, end), axis=1)
         # A regressor with hardly any energy in the training blocks gets the coefficient 0, not an arbitrary one.
         shown = np.sum(train**2, axis=1) >= TRAINABLE_SHARE * energy
         products = (train @ train.T) * np.outer(shown, shown)
@@ -391,17 +384,17 @@ def on_other_recordings(problem: Problem, other: Problem, model: Model, *, jumps
         if not any(depends_on_level(term.effect) for term in terms):
             break
     there = segment_records(other, other.z - drag, jump_price(other)) if jumps else None
-    searched = Series.of(problem, model.fit.jumps)
-    left, _ = searched.whitened(model.fit.residual * problem.sign, law_of(model))
+    left, _ = Series.of(problem, model.fit.jumps).whitened(model.fit.residual * problem.sign, model.law)
     residual = _residual(other, other.sign * (drag + float(np.mean(model.fit.level))), there)
-    whitening, variance = _whitening(other, model, there), np.full(other.size, float(np.mean(left**2)))
+    whitening = _whitening(other, model, there)
     innovations = whitening.innovations((residual * other.sign)[None])[0]
-    return _score_of(other, whitening, residual, innovations, NO_JUMPS if there is None else there, variance, BLOCKS)
+    charged, variance = NO_JUMPS if there is None else there, np.mean(left**2)
+    return _score_of(other, whitening, residual, innovations, charged, variance, BLOCKS)
 
 
-def _first_of(blocks: int, size: int) -> IntArray:
-    """Return the first sample of each of so many blocks, int64 (blocks,)."""
-    return np.linspace(0, size, blocks + 1).astype(np.int64)[:-1]
+def _edges(blocks: int, size: int) -> IntArray:
+    """Return the first sample of each of so many blocks, and the number of samples, int64 (blocks + 1,)."""
+    return np.linspace(0, size, blocks + 1).astype(np.int64)
 
 
 def _residual(problem: Problem, torque_Nm: FloatArray, jumps: IntArray | None) -> FloatArray:
@@ -412,7 +405,7 @@ def _residual(problem: Problem, torque_Nm: FloatArray, jumps: IntArray | None) -
 
 def _whitening(problem: Problem, model: Model, jumps: IntArray | None) -> Whitening:
     """Return the whitening filter of a model's noise; where there are jumps, levels are fitted and not part of it."""
-    law = law_of(model)
+    law = model.law
     return Whitening.of(Series.of(problem), law if jumps is None else replace(law, level_spread=0.0))
 
 
@@ -422,10 +415,10 @@ def _score_of(
     residual: FloatArray,
     innovations: FloatArray,
     jumps: IntArray,
-    variance: FloatArray,
+    variance: FloatArray | np.floating,
     blocks: int,
 ) -> HeldOut:
-    """Return the scores of a residual [N m] with given jumps, under noise of a given variance, float64 (n,) [N² m²].
+    """Return the scores of a residual [N m] with given jumps, under noise of a given variance [N² m²].
 
     `innovations`: the residual less its prediction from the samples before, of that variance, float64 (n,) [N m].
     """
@@ -434,6 +427,6 @@ def _score_of(
     spread = np.sqrt(variance) * (1.0 if whitening.spread is None else whitening.spread) / whitening.gains[:, 0]
     density = -np.log(np.sqrt(2.0 * np.pi) * spread) - 0.5 * innovations**2 / variance
     np.subtract.at(density, jumps, 0.5 * JUMP_PENALTY * problem.log_size)
-    first = _first_of(blocks, series.size)
-    of_block = np.add.reduceat(density, first) / np.diff(first, append=series.size)
+    edges = _edges(blocks, series.size)
+    of_block = np.add.reduceat(density, edges[:-1]) / np.diff(edges)
     return HeldOut(float(np.sqrt(np.mean(residual**2))), float(np.mean(density)), of_block)

@@ -5,47 +5,27 @@ How a model is made and fitted: see `fitting`.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Final
 
 import numpy as np
 
-from rwa_monitor.discrepancy.fitting import (
-    EQUIVALENT_WITHIN,
-    SETTLED,
-    Effects,
-    Fitting,
-    Progress,
-    is_possible,
-    predicts,
-)
+from rwa_monitor.discrepancy.fitting import EQUIVALENT_WITHIN, SETTLED, Effects, Fitting, Progress
 from rwa_monitor.discrepancy.likelihood import least_gain
-from rwa_monitor.discrepancy.problem import Problem
 from rwa_monitor.discrepancy.score import wald
-from rwa_monitor.discrepancy.terms import Found, Model, SearchResult, law_of
+from rwa_monitor.discrepancy.terms import Found, Model, SearchResult, nested_to
 
 MAX_EFFECTS: Final = 4
-WORTH_SWAPPING: Final = 1.0  # decrease of the score from which an exchange is made
+WORTH_SWAPPING: Final = 2.0 * SETTLED  # decrease of the score from which an exchange is made: two fits settled
 
 
-def search(
-    fitting: Fitting,
-    effects: Effects,
-    progress: Progress = lambda _: None,
-    asked: Callable[[Problem, int], float] = least_gain,
-) -> SearchResult:
+def search(fitting: Fitting, effects: Effects, progress: Progress = lambda _: None) -> SearchResult:
     """Search for mean effects; the arguments are those of `grow`."""
-    return rank(fitting, grow(fitting, effects, progress, asked=asked), progress)
+    return rank(fitting, grow(fitting, effects, progress), progress)
 
 
-def grow(
-    fitting: Fitting,
-    effects: Effects,
-    progress: Progress = lambda _: None,
-    begin_with: Sequence[Model] = (),
-    asked: Callable[[Problem, int], float] = least_gain,
-) -> SearchResult:
+def grow(fitting: Fitting, effects: Effects, progress: Progress, begin_with: Sequence[Model] = ()) -> SearchResult:
     """Add effects one at a time, with exchanges and eliminations after each, while each gains as much as is asked.
 
     Parameters
@@ -58,17 +38,14 @@ def grow(
         Called with a short text at each step.
     begin_with
         Models found earlier, each with one effect more than the one before.
-    asked
-        Returns the gain that is asked of an effect, given the data and the number of effects already in the model.
     """
     progress("base model")
     base = fitting.base()
     testable, untestable = fitting.split_testable(effects, base)
     nested = [base, *begin_with]
-    best_rejected = -np.inf
     while len(nested[-1].terms) < MAX_EFFECTS:
         nested[-1] = fitting.settled(nested[-1])
-        if not is_possible(nested[-1]):  # after the last fit its strengths are not
+        if not nested[-1].is_possible:  # after the last fit its strengths are not
             testable = [effect for effect in testable if effect.name != nested[-1].names[-1]]
             del nested[-1]
         current = nested[-1]
@@ -86,18 +63,15 @@ def grow(
         alternatives = [one for one in alternatives if len(one.terms) == named or not one.is_minor(-1, sign)]
         if not alternatives:
             break
-        gain, least = current.score - alternatives[0].score, asked(fitting.problem, named)
-        drifts = law_of(current).is_drift(current.fit.residual.size)  # the noise law may absorb a missing effect
+        gain, least = current.score - alternatives[0].score, least_gain(fitting.problem, named)
+        drifts = current.law.is_drift(current.fit.residual.size)  # the noise law may absorb a missing effect
         if gain < least and drifts:  # of two missing effects, each alone may gain too little: two are tried in pairs
             pairs = [pair for one in alternatives[:2] for pair in fitting.extensions(one, testable)]
             best = min(pairs, key=lambda pair: pair.score, default=current)
-            if current.score - best.score >= asked(fitting.problem, 0) + asked(fitting.problem, 1):
-                alternatives, gain = [best], least
-        if gain < least:
-            best_rejected = gain
-            break
-        alternatives = [one for one in alternatives if current.score - one.score >= least]
-        counted = (one for one in alternatives if len(one.terms) == named or predicts(fitting.problem, one, current))
+            if current.score - best.score >= least_gain(fitting.problem, 0) + least_gain(fitting.problem, 1):
+                alternatives = [best]
+        gaining = (one for one in alternatives if current.score - one.score >= least)
+        counted = (one for one in gaining if len(one.terms) == named or fitting.predicts(one, current))
         accepted = next(counted, None)
         if accepted is None:
             break
@@ -109,17 +83,17 @@ def grow(
     final = fitting.settled(prune(fitting, min(nested, key=lambda model: model.score)))
     final = prune(fitting, final)  # again, with the noise estimated from its residual
     nested = [*(model for model in nested if len(model.terms) < len(final.terms)), final]
-    return SearchResult(tuple(nested), tuple(testable), tuple(untestable), best_rejected)
+    return SearchResult(tuple(nested), tuple(testable), tuple(untestable))
 
 
-def rank(fitting: Fitting, grown: SearchResult, progress: Progress = lambda _: None) -> SearchResult:
+def rank(fitting: Fitting, grown: SearchResult, progress: Progress) -> SearchResult:
     """Find the gain of each significant effect of the last model, and the effects that are as good in its place.
 
     Where one is better there, as the noise or the jumps are now known better, it takes that place.
     """
     significant = _without_insignificant(fitting, grown.nested[-1])
     model, found = _swap(fitting, significant, grown.testable, progress), []
-    grown = replace(grown, nested=(*(one for one in grown.nested if set(one.names) < set(model.names)), model))
+    grown = replace(grown, nested=nested_to(model, grown.nested))
     for index, name in enumerate(model.names):
         progress(f"in the place of {name}")
         alternatives = fitting.replacements(model, index, grown.testable)
@@ -158,9 +132,8 @@ def prune(fitting: Fitting, model: Model, *, keep_last: bool = False) -> Model:
     while True:
         simpler = [fitting.without(model, index) for index in range(len(model.terms) - keep_last)]
         minor = [one for index, one in enumerate(simpler) if model.is_minor(index, fitting.problem.sign)]
-        minor = minor or [one for one in simpler if not predicts(fitting.problem, model, one)]
-        plainer = None if keep_last or minor else fitting.with_common_level(model)
-        tried = minor or ([*simpler, plainer] if plainer is not None else simpler)
+        minor = minor or [one for one in simpler if not fitting.predicts(model, one)]
+        tried = minor or (simpler if keep_last else [*simpler, *fitting.with_common_level(model)])
         best = min(tried, key=lambda one: one.score, default=None)
         least = least_gain(fitting.problem, len(model.terms) - 1)
         if best is None or (not minor and best.score - model.score >= least):

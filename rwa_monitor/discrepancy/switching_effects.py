@@ -9,7 +9,7 @@ ASSP 38, 1990).
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Final
@@ -18,11 +18,12 @@ import numpy as np
 
 from rwa_monitor.changepoints.evidence import WindowAccumulator
 from rwa_monitor.changepoints.stage_results import UNATTRIBUTED, Assignment, Evidence
-from rwa_monitor.discrepancy.fitting import EQUIVALENT_WITHIN
+from rwa_monitor.discrepancy.base_fit import REVERSAL
+from rwa_monitor.discrepancy.fitting import EQUIVALENT_WITHIN, SETTLED
+from rwa_monitor.discrepancy.likelihood import ROUNDS
 from rwa_monitor.discrepancy.noise_effects import accepted, on_slots
 from rwa_monitor.discrepancy.problem import Problem
 from rwa_monitor.discrepancy.result import FoundEffect
-from rwa_monitor.discrepancy.score import REVERSAL
 from rwa_monitor.discrepancy.terms import Model
 from rwa_monitor.samples import BoolArray, FloatArray, IntArray
 from rwa_monitor.switching.assignment import assign, window_priors
@@ -34,13 +35,9 @@ from rwa_monitor.wheel.effects.jumps import FEWEST_SOJOURNS, SpeedTriggeredJumps
 from rwa_monitor.wheel.effects.switching_base import Jumps, Sojourns, SwitchingEvidence
 from rwa_monitor.wheel.wheel import FrictionRange, SwitchingSystem, Wheel
 
-EXTRA: Final = "extra_switching_system"
-WRONG_LAW: Final = "wrong_duration_law"
-SPEED: Final = "speed_triggered_jumps"
+EXTRA, WRONG_LAW, SPEED = NAMES = "extra_switching_system", "wrong_duration_law", "speed_triggered_jumps"
 MOST_JUMPS: Final = 400  # more are no jumps, and their attribution is meaningless
 FEWEST_OF_EXTRA: Final = 3  # jumps that suggest an additional system
-ROUNDS: Final = 4  # of attribution and parameters in turn
-WORTH_A_ROUND: Final = 0.5  # increase of the log-likelihood
 FIRST_FACTORS: Final = (0.2, 0.5, 1.0, 2.5)  # of the known mean durations, memoryless: starts of the iteration
 SIZES_OF_EXTRA: Final = (0.75, 1.25)  # times the median size: the range in the catalogue
 TYPICAL_OF_EXTRA: Final = (0.1, 0.9)  # quantiles of the sizes found: some are of several simultaneous jumps
@@ -97,12 +94,8 @@ def fits_of_jumps(
     if in_band:
         bands = (band[record.used] for band, record in zip(in_band, problem.records, strict=True))
         hidden |= np.concatenate(list(bands))
-    fits: dict[str, list[LikelihoodFit]] = {}
-    for index in range(len(problem.records)):
-        fitted = _fit_record(problem, model, wheel, index, hidden)
-        for name in (EXTRA,) if in_band else fitted:
-            fits.setdefault(name, []).append(fitted.get(name, SWITCHING_EFFECTS[name].nothing_found()))
-    return fits
+    fitted = [_fit_record(problem, model, wheel, index, hidden) for index in range(len(problem.records))]
+    return {name: [of[name] for of in fitted] for name in (NAMES[:1] if in_band else NAMES)}
 
 
 def _fit_record(
@@ -118,7 +111,7 @@ def _fit_record(
         Jumps(problem.slot[found], model.fit.level[found] - model.fit.level[found - 1]),
         systems={system.name: system for system in wheel.fss},
     )
-    nothing = {name: SWITCHING_EFFECTS[name].nothing_found() for name in (EXTRA, WRONG_LAW, SPEED)}
+    nothing = {name: SWITCHING_EFFECTS[name].nothing_found() for name in NAMES}
     plain = wheel.model_copy(update={"effect": ()})
     if wheel.fss and wheel.nominal is not None and 0 < found.size <= MOST_JUMPS:
         gathered = _gather(problem, model, plain, index, hidden)
@@ -186,7 +179,7 @@ def _attribute(gathered: Evidence, wheel: Wheel) -> _Attributed:
     for _ in range(ROUNDS):
         odd = float(np.count_nonzero(best.assignment.system == UNATTRIBUTED))
         again = _attribute_given(gathered, wheel, priors._replace(unattributed=max(odd, known.unattributed)))
-        if again.score < best.score + WORTH_A_ROUND:
+        if again.score < best.score + SETTLED:
             break
         best = again
     return best
@@ -238,8 +231,8 @@ def _fitted_extra(gathered: Evidence, base: _Attributed, alike: FloatArray) -> _
             durations=(weibull_of_mean(rest, shape), weibull_of_mean(active, shape)),
             friction=(FrictionRange(low=0.0, high=0.0), FrictionRange(low=sizes[0], high=sizes[1])),
         )
-        attributed = _attribute(gathered, base.wheel.model_copy(update={"fss": (*base.wheel.fss, system)}))
-        if best is not base and attributed.score < best.score + WORTH_A_ROUND:
+        attributed = _attribute(gathered, _with_systems(base.wheel, (*base.wheel.fss, system)))
+        if best is not base and attributed.score < best.score + SETTLED:
             break
         best, seen = attributed, _sizes_of_extra(attributed)
         if seen.size < FEWEST_OF_EXTRA:
@@ -249,7 +242,11 @@ def _fitted_extra(gathered: Evidence, base: _Attributed, alike: FloatArray) -> _
         if sizes[0] >= sizes[1]:  # only jumps of other sizes were attributed to it
             return None
         rest, active = (_mean_length(attributed, q, mean) for q, mean in ((0, rest), (1, active)))
-        shape = _shape_of(attributed) or shape
+        sojourns = attributed.sojourns(-1)
+        if (
+            sojourns.slots.size >= FEWEST_SOJOURNS
+        ):  # below 1, which is memoryless, jumps come in clusters, as noise does
+            shape = max(WrongDurationLaw.fit(system, sojourns).values["weibull_shape"], 1.0)
     return best
 
 
@@ -282,29 +279,14 @@ def _mean_length(attributed: _Attributed, configuration: int, none: float, sampl
     return max(float(at.mean()), 1.0) if at.size else none
 
 
-def _shape_of(attributed: _Attributed) -> float | None:
-    """Return the Weibull shape that fits the sojourns of the extra system best; None where they are too few.
-
-    At least 1, which is memoryless: a smaller one means jumps in clusters, which are noise.
-    """
-    sojourns = attributed.sojourns(-1)
-    if sojourns.slots.size < FEWEST_SOJOURNS:
-        return None
-    return max(WrongDurationLaw.fit(attributed.wheel.fss[-1], sojourns).values["weibull_shape"], 1.0)
-
-
 def _describe_extra(evidence: SwitchingEvidence, attributed: _Attributed, base: float) -> LikelihoodFit:
     sizes = attributed.wheel.torque_unit_Nm * _sizes_of_extra(attributed)
-    count = max(sizes.size, 1)
     rest, active = (law.mean() * evidence.channels.sample_period_s for law in attributed.wheel.fss[-1].durations)
-    values = {"strength_Nm": float(np.median(sizes)) if sizes.size else 0.0, "rest_s": rest, "active_s": active}
+    values = {"strength_Nm": float(np.median(sizes)), "rest_s": rest, "active_s": active}
     # The mean of a memoryless law has a relative standard deviation of 1/√count; the count is half that of the jumps.
-    of_means = float(np.sqrt(2.0 / count))
-    std = {
-        "strength_Nm": float(np.std(sizes) / np.sqrt(count)),
-        "rest_s": rest * of_means,
-        "active_s": active * of_means,
-    }
+    of_means = float(np.sqrt(2.0 / sizes.size))
+    std = {name: value * of_means for name, value in values.items()}
+    std["strength_Nm"] = float(np.std(sizes) / np.sqrt(sizes.size))
     jumps = int(np.count_nonzero(attributed.assignment.direction))
     return LikelihoodFit(values, std, max(attributed.score - base, 0.0), EXTRA_PARAMETERS, jumps)
 
@@ -316,59 +298,51 @@ def _with_other_laws(gathered: Evidence, base: _Attributed) -> list[_Attributed]
     """Return attributions with Weibull laws in place of the known ones; none where there are too few jumps."""
     if np.count_nonzero(base.assignment.direction) < FEWEST_SOJOURNS:
         return []
-    systems = base.wheel.fss
-    tries = [[_Law(factor, 1.0, tuple(range(len(system.durations)))) for system in systems] for factor in FIRST_FACTORS]
-    found = [_attribute(gathered, _with_laws(base.wheel, laws)) for laws in tries]
-    start = int(np.argmax([attributed.score for attributed in found]))
-    best, laws = found[start], tries[start]
+    wheel = base.wheel
+    found = [
+        _attribute(gathered, _with_systems(wheel, (_with_weibull(system, factor, 1.0) for system in wheel.fss)))
+        for factor in FIRST_FACTORS
+    ]
+    best = max(found, key=lambda one: one.score)
     for _ in range(ROUNDS):
-        fitted = [_best_law(base.wheel, best, system)[0] for system in range(len(systems))]
-        laws = [before if law is None else law for law, before in zip(fitted, laws, strict=True)]
-        found.append(_attribute(gathered, _with_laws(base.wheel, laws)))
-        if found[-1].score < best.score + WORTH_A_ROUND:
+        fitted = (_best_law(wheel, best, number)[0] or before for number, before in enumerate(best.wheel.fss))
+        found.append(_attribute(gathered, _with_systems(wheel, fitted)))
+        if found[-1].score < best.score + SETTLED:
             break
         best = found[-1]
     return found
 
 
-@dataclass(frozen=True, slots=True)
-class _Law:
-    """A Weibull law: factor on the known mean, shape, and the configurations that it applies to."""
-
-    factor: float
-    shape: float
-    configurations: tuple[int, ...]
-
-
-def _with_laws(wheel: Wheel, laws: Sequence[_Law]) -> Wheel:
-    """Return the wheel with Weibull laws in place of the known ones, one for each system."""
-    systems = []
-    for system, other in zip(wheel.fss, laws, strict=True):
-        durations = tuple(
-            weibull_of_mean(other.factor * law.mean(), other.shape) if q in other.configurations else law
-            for q, law in enumerate(system.durations)
-        )
-        systems.append(system.model_copy(update={"durations": durations}))
+def _with_systems(wheel: Wheel, systems: Iterable[SwitchingSystem]) -> Wheel:
     return wheel.model_copy(update={"fss": tuple(systems)})
 
 
-def _best_law(plain: Wheel, attributed: _Attributed, system: int) -> tuple[_Law | None, LikelihoodFit]:
-    """Return the law that fits the sojourns of a system best, and its fit; None where they are too few.
+def _with_weibull(system: SwitchingSystem, factor: float, shape: float, only: int | None = None) -> SwitchingSystem:
+    """Return a system with Weibull laws whose means are `factor` times the known ones, in one configuration or all."""
+    durations = tuple(
+        weibull_of_mean(factor * law.mean(), shape) if only in (None, q) else law
+        for q, law in enumerate(system.durations)
+    )
+    return system.model_copy(update={"durations": durations})
+
+
+def _best_law(plain: Wheel, attributed: _Attributed, number: int) -> tuple[SwitchingSystem | None, LikelihoodFit]:
+    """Return a system with the law that fits its sojourns best, and the fit; None where they are too few.
 
     Either all configurations of the system follow another law, or a single one: what makes a system rest longer need
     not change how long it acts.
     """
-    known, sojourns = plain.fss[system], attributed.sojourns(system)
+    known, sojourns = plain.fss[number], attributed.sojourns(number)
     every = tuple(range(len(known.durations)))
-    best: tuple[_Law | None, LikelihoodFit] = None, WrongDurationLaw.nothing_found()
-    for configurations in (every, *((q,) for q in every)):
-        of_these = sojourns.of(configurations)
+    system, best = None, WrongDurationLaw.nothing_found()
+    for only, of_these in [(None, sojourns.of(every)), *((q, sojourns.of((q,))) for q in every)]:
         if of_these.slots.size < FEWEST_SOJOURNS:
             continue
         fitted = WrongDurationLaw.fit(known, of_these)
-        if best[0] is None or fitted.log_likelihood_gain > best[1].log_likelihood_gain:
-            best = _Law(fitted.values["duration_factor"], fitted.values["weibull_shape"], configurations), fitted
-    return best
+        if system is None or fitted.log_likelihood_gain > best.log_likelihood_gain:
+            values, best = fitted.values, fitted
+            system = _with_weibull(known, values["duration_factor"], values["weibull_shape"], only)
+    return system, best
 
 
 def _speed_fit(evidence: SwitchingEvidence, base: _Attributed, other: _Attributed, of_laws: float) -> LikelihoodFit:

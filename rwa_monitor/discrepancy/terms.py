@@ -6,17 +6,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Final
 
 import numpy as np
 from scipy.ndimage import uniform_filter1d
 
-from rwa_monitor.discrepancy.base_fit import (
-    Fit,
-    strong_level,
-)
+from rwa_monitor.discrepancy.base_fit import Fit, strong_level
 from rwa_monitor.discrepancy.jump_terms import LEAD, SLOPE_REACH, without_pulses
 from rwa_monitor.discrepancy.likelihood import NoiseLaw
 from rwa_monitor.discrepancy.problem import Problem
@@ -78,11 +75,8 @@ def make_term(
     keep
         Whether to cache the columns: other models will need this shape, too.
     """
-    strengths = effect.strength_parameters()
-    key = effect.name, tuple(shape.items())
-    columns, followed = problem.columns.get(key), _followed_level(problem, effect, level, beside)
-    if columns is None and followed is not None:
-        columns = _columns_with_level(effect, shape, followed)
+    followed, key = _followed_level(problem, effect, level, beside), (effect.name, tuple(shape.items()))
+    columns = problem.columns.get(key) if followed is None else _columns_with_level(effect, shape, followed)
     if columns is None:
         by_angle = issubclass(effect, TorqueRipple) or getattr(effect, "variable", "") == "angle"
         channels = [record.undrifted if by_angle else record.channels for record in problem.records]
@@ -90,9 +84,9 @@ def make_term(
             steady = [_decorrelated_speed(record) for record in problem.records]
             channels = [replace(one, speed_rad_s=speed) for one, speed in zip(channels, steady, strict=True)]
         columns = _evaluate(problem, effect, shape, channels)
-        if keep and not depends_on_level(effect):
+        if keep:
             problem.columns.put(key, columns)
-    low, high = (np.array([getattr(p, end) for p in strengths]) for end in ("low", "high"))
+    low, high = (np.array([getattr(p, end) for p in effect.strength_parameters()]) for end in ("low", "high"))
     if not (issubclass(effect, UnnamedEffect) or effect.is_part_of_viscous):
         # No part may exceed the largest friction: parts that cancel each other would fit anything. But a part of the
         # viscous friction may, at a temperature outside of the record.
@@ -103,6 +97,7 @@ def make_term(
     return Term(effect, dict(shape), columns, low, high, _price(problem, effect, shape))
 
 
+@dataclass(eq=False)
 class FollowedLevel:
     """A dry level with only its strong jumps, for level-dependent columns, and its channels; see `_followed_level`.
 
@@ -116,11 +111,10 @@ class FollowedLevel:
         float64 (n,), the level at the joined samples, and the torque of the effects along the rotation [N m].
     """
 
-    def __init__(self, problem: Problem, level: FloatArray, beside: FloatArray) -> None:
-        self.problem = problem
-        self.level = level
-        self.beside = beside
-        self._cleaned: dict[float, FollowedLevel] = {}
+    problem: Problem
+    level: FloatArray
+    beside: FloatArray
+    _cleaned: dict[float, FollowedLevel] = field(default_factory=dict)
 
     def without_pulses(self, lead: float) -> FollowedLevel:
         """Return the level with its pulses removed, see `jump_terms`."""
@@ -241,10 +235,8 @@ def _columns_with_level(effect: type[MeanEffect], shape: Shape, followed: Follow
 
 def available(problem: Problem, effect: type[MeanEffect]) -> str | None:
     """Return which channel an effect lacks in these records, or None when it has all."""
-    for channel in sorted(effect.needs):
-        if any(getattr(record.channels, channel) is None for record in problem.records):
-            return channel
-    return None
+    channels = [record.channels for record in problem.records]
+    return next((one for one in sorted(effect.needs) if any(getattr(of, one) is None for of in channels)), None)
 
 
 # ---- models: terms with a fit, how they grew, and what was found -----------------------------------------------------
@@ -264,15 +256,15 @@ class Model:
     fit
         Jumps, coefficients, level and residual.
     law
-        The law of the noise that was fitted with it; None before it is scored.
+        The law of the noise that was fitted with it.
     score
-        See `score`; lower is better. Infinite before it is scored.
+        See `score`; lower is better.
     """
 
     terms: tuple[Term, ...]
     fit: Fit
-    law: NoiseLaw | None = None
-    score: float = float("inf")
+    law: NoiseLaw
+    score: float
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -284,12 +276,21 @@ class Model:
         begin = 1 + sum(term.columns.shape[1] for term in self.terms[:index])
         return self.fit.coefficients[begin : begin + self.terms[index].columns.shape[1]]
 
-    def of_own_jumps(self, size: int) -> FloatArray:
-        """Return the torque of jumps that are of these records alone (`Term.places`), float64 (size,) [N m]."""
-        torque = np.zeros(size)
-        for i, term in enumerate(self.terms):
-            torque += term.columns @ self.strengths(i) if term.places is not None else 0.0
-        return torque
+    def torque(self, index: int) -> FloatArray:
+        """Return the torque of term `index` along the rotation, float64 (n,) [N m]."""
+        return np.asarray(self.terms[index].columns @ self.strengths(index))
+
+    @property
+    def of_own_jumps(self) -> FloatArray:
+        """The torque of jumps that are of these records alone (`Term.places`), float64 (n,) [N m]."""
+        own = (self.torque(i) for i, term in enumerate(self.terms) if term.places is not None)
+        return sum(own, np.zeros_like(self.fit.level))
+
+    @property
+    def is_possible(self) -> bool:
+        """Whether all strengths are physically possible, given the dry and viscous friction of the model."""
+        dry, viscous = float(self.fit.level.mean()), float(self.fit.coefficients[0])
+        return all(term.effect.is_possible(self.strengths(i), dry, viscous) for i, term in enumerate(self.terms))
 
     def is_minor(self, index: int, sign: FloatArray) -> bool:
         """Return whether a term's torque, where it acts, is within MODEL_ERROR of the largest other term's.
@@ -304,17 +305,16 @@ class Model:
             float64 (n,), direction of rotation. The means of the others do not count: a constant has no model error.
         """
         opposite = {"odd": "even", "even": "odd"}.get(self.terms[index].effect.parity) if np.ptp(sign) else None
-        torques = [(term, sign * (term.columns @ self.strengths(i))) for i, term in enumerate(self.terms)]
+        torques = [(term, sign * self.torque(i)) for i, term in enumerate(self.terms)]
         own = torques.pop(index)[1] ** 2
         others = [torque - torque.mean() for term, torque in torques if term.effect.parity != opposite]
         largest = max((float(own @ other**2) for other in others), default=0.0)
         return float(own @ own) < MODEL_ERROR**2 * largest
 
 
-def law_of(model: Model) -> NoiseLaw:
-    """Return the noise's law of a model that is scored."""
-    assert model.law is not None, "the model is scored"
-    return model.law
+def nested_to(model: Model, nested: Sequence[Model]) -> tuple[Model, ...]:
+    """Return a model after those of the nested ones that have fewer effects, and none that it has not."""
+    return *(one for one in nested if set(one.names) < set(model.names)), model
 
 
 @dataclass(frozen=True, slots=True)
@@ -346,8 +346,6 @@ class SearchResult:
         Models from the base upwards, one effect more at each step.
     testable, untestable
         The candidates that the data can test, and the names of those that they cannot, with what is missing.
-    best_rejected
-        Gain of the best candidate, where it was less than is asked; -inf where the search ended otherwise.
     found
         The effects of the last model, strongest first; none before they are judged.
     """
@@ -355,5 +353,4 @@ class SearchResult:
     nested: tuple[Model, ...]
     testable: tuple[type[MeanEffect], ...]
     untestable: tuple[tuple[str, str], ...]
-    best_rejected: float
     found: tuple[Found, ...] = ()

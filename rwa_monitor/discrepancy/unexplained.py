@@ -7,24 +7,23 @@ named effect that is not needed given the curve only mimicked it, and is withdra
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import replace
-from itertools import pairwise
 from typing import Final
 
 import numpy as np
 
-from rwa_monitor.discrepancy.base_fit import remove_levels, segment_starts, strong_jumps, strong_level
+from rwa_monitor.discrepancy.base_fit import pieces, remove_levels, segment_starts, strong_jumps, strong_level
 from rwa_monitor.discrepancy.fitting import Fitting
 from rwa_monitor.discrepancy.likelihood import ACCEPT_GAIN
 from rwa_monitor.discrepancy.problem import Problem
-from rwa_monitor.discrepancy.terms import Model, SearchResult, Term, make_term
+from rwa_monitor.discrepancy.terms import MODEL_ERROR, Model, SearchResult, Term, make_term, nested_to
 from rwa_monitor.discrepancy.unnamed import (
     CURVES,
     UNNAMED,
     Periodic,
     PeriodicDrag,
     PeriodicRub,
+    PeriodicTorque,
     UnnamedEffect,
     between_recordings,
 )
@@ -32,8 +31,8 @@ from rwa_monitor.messages import Unexplained
 from rwa_monitor.samples import TINY, FloatArray
 
 EXPLAINED_SHARE: Final = 0.7  # of a curve's gain: a law that gains so much with fewer parameters is kept
-NEARLY_ALL: Final = 0.9  # of the sum of squares that another model explains
-LEAST_NAMED_SHARE: Final = 0.1  # of an unnamed hypothesis's gain that a name found with it must reach: no law is exact
+NEARLY_ALL: Final = 0.9  # of a sum of squares or a variance: the rest is noise and drift
+LEAST_NAMED_SHARE: Final = MODEL_ERROR  # of an unnamed hypothesis's gain that a name found with it must reach
 FEWEST_SAMPLES: Final = 4  # for each height of a curve: with fewer it follows the noise
 FEWEST_STEPS: Final = 6  # of the level: a jump or two too many is chance
 STEPS_TO_JUMPS: Final = 2.0  # ratio of small steps to jumps
@@ -41,8 +40,6 @@ LASTING_LAGS: Final = range(64, 129, 4)  # slots: the autocorrelation of the cat
 LASTING_SHARE: Final = 0.2  # of the residual's variance
 FOLD_BINS: Final = 40  # parts of a period: what lasts a twentieth of it is resolved
 FEWEST_PERIODS: Final = 5  # in a record: a drag that drifts as a random walk mimics fewer
-REPEATED_SHARE: Final = 0.9  # of the motion's variance: motion that repeats does so but for noise and drift
-FOLDED_SHARE: Final = 0.9  # of the largest power that folding at any period gives
 SHORT_SHARE: Final = 0.25  # of a period: what lasts longer is a wave, not a rub
 
 
@@ -62,22 +59,23 @@ def judge_leftover(fitting: Fitting, found: SearchResult) -> tuple[SearchResult,
         return found, None, model
     curve = best.terms[-1]
     kept = [i for i in range(len(model.terms)) if fitting.without(best, i).score - best.score >= ACCEPT_GAIN]
-    size = _size(problem, best, len(best.terms) - 1)
-    unexplained = Unexplained(signature=curve.effect.signature, size_Nm=size)
     if issubclass(curve.effect, Periodic):
         unexplained = _periodic_finding(problem, model, curve)
+    else:
+        size = _size(problem, best, len(best.terms) - 1)
+        unexplained = Unexplained(signature=curve.effect.signature, size_Nm=size)
     if len(kept) == len(model.terms):
         return found, unexplained, best
     terms = tuple(model.terms[i] for i in kept)
     reduced = fitting.refitted(terms, best)
     alone = fitting.refitted((*terms, curve), best, [best.fit.jumps])
-    # A curve over the same quantity makes any law superfluous, even the right one.
-    if reduced.score - model.score > EXPLAINED_SHARE * (reduced.score - alone.score):
+    # A curve over the same quantity makes any law superfluous, even the right one; and where the noise is far less, a
+    # small misfit of that law is significant.
+    gains_most = reduced.score - model.score > EXPLAINED_SHARE * (reduced.score - alone.score)
+    if gains_most or explains_most(reduced, model, alone):
         return found, unexplained, best
-    if explains_most(reduced, model, alone):
-        return found, unexplained, best  # its small misfit is significant only as the noise is far less
     left = tuple(entry for entry in found.found if entry.name in reduced.names)
-    return replace(found, nested=(*nested_below(found.nested, reduced), reduced), found=left), unexplained, best
+    return replace(found, nested=nested_to(reduced, found.nested), found=left), unexplained, best
 
 
 def combined(one: Unexplained | None, other: Unexplained | None) -> Unexplained | None:
@@ -98,8 +96,8 @@ def with_nonparametric_curves(fitting: Fitting, model: Model) -> list[Model]:
 
 def _periodic_finding(problem: Problem, model: Model, curve: Term) -> Unexplained:
     """Return an unexplained periodic torque: its period, how long it lasts in each period, and its size."""
-    flips, frequency_Hz = curve.effect.flips, curve.shape["frequency_Hz"]  # type: ignore[attr-defined]
-    period, mean, residual = _repeated(problem, model, frequency_Hz, flips=flips)
+    assert issubclass(curve.effect, Periodic)
+    period, mean, residual = _repeated(problem, model, curve.shape["frequency_Hz"], flips=curve.effect.flips)
     power, mean = float(np.mean(mean**2)), mean - np.median(mean)
     lasting = float(np.count_nonzero(np.abs(mean) > 0.5 * np.max(np.abs(mean)))) / FOLD_BINS
     short = f", {lasting * period:.2g} s long" if lasting < SHORT_SHARE else ""
@@ -122,7 +120,7 @@ def _repeated(
     periods = [k / frequency_Hz for k in range(1, min(longest, PeriodicRub.harmonics) + 1)]
     folds = [_fold(time_s, residual, period) for period in periods]
     powers = [float(np.mean(mean**2)) for mean in folds]
-    period = periods[next(i for i, power in enumerate(powers) if power >= FOLDED_SHARE * max(powers))]
+    period = periods[next(i for i, power in enumerate(powers) if power >= NEARLY_ALL * max(powers))]
     # A peak is as wide as one period more or less in the record: folding determines the period of a short rub better.
     near = period * (1.0 + min(period / float(np.ptp(time_s)), 1.0) * np.linspace(-0.5, 0.5, 2 * FOLD_BINS + 1))
     folds = [_fold(time_s, residual, one) for one in near]
@@ -145,26 +143,22 @@ def slow_drag(problem: Problem, model: Model) -> Unexplained | None:
     to slot) within some sixty slots. What lasts longer is drag that no effect explains.
     """
     strong = strong_jumps(problem, model.fit.level + model.fit.residual).size
-    weak = model.fit.jumps.size - strong
-    creeping = model.fit.level - strong_level(problem, model.fit.level)
-    steps = weak >= FEWEST_STEPS and weak >= STEPS_TO_JUMPS * strong
+    weak, variance = model.fit.jumps.size - strong, 0.0
+    if weak >= FEWEST_STEPS and weak >= STEPS_TO_JUMPS * strong:
+        variance += float(np.var(model.fit.level - strong_level(problem, model.fit.level)))
     lasting = _lasting_variance(problem, model.fit.residual)
-    persists = lasting > LASTING_SHARE * float(np.var(model.fit.residual))
-    if not steps and not persists:
-        return None
-    size = float(np.sqrt(np.var(creeping) * steps + lasting * persists))
-    return Unexplained(signature="a drag that wanders with time", size_Nm=size)
+    if lasting > LASTING_SHARE * float(np.var(model.fit.residual)):
+        variance += lasting
+    return Unexplained(signature="a drag that wanders with time", size_Nm=float(variance**0.5)) if variance else None
 
 
 def _lasting_variance(problem: Problem, residual: FloatArray) -> float:
     """Return the mean autocovariance of a residual over LASTING_LAGS, within records, at least zero [N² m²]."""
     products, pairs = 0.0, 0
-    for begin, end in pairwise(problem.starts):
-        piece = residual[begin:end] - residual[begin:end].sum() / max(end - begin, 1)
+    for values in (residual[piece] - residual[piece].mean() for piece in pieces(problem)):
         for lag in LASTING_LAGS:
-            if piece.size > lag:
-                products += float(piece[lag:] @ piece[:-lag])
-                pairs += piece.size - lag
+            products += float(values[lag:] @ values[:-lag])
+            pairs += max(values.size - lag, 0)
     return max(products / max(pairs, 1), 0.0)
 
 
@@ -179,7 +173,7 @@ def _curves(fitting: Fitting, model: Model) -> list[Term]:
         terms.append(Term(curve, {}, columns, -free, free, columns.shape[1]))
     if problem.is_command:  # a command has no error that varies with time
         return terms
-    for effect in (Periodic, PeriodicDrag):
+    for effect in (PeriodicTorque, PeriodicDrag):
         frequency = _best_frequency(problem, model, flips=effect.flips)
         terms.append(make_term(problem, effect, {"frequency_Hz": frequency}, None))
     period, *_ = _repeated(problem, model, terms[-1].shape["frequency_Hz"], flips=True)
@@ -216,7 +210,7 @@ def _repetition_slots(speed: FloatArray) -> int | None:
     covariance = np.fft.irfft(np.abs(np.fft.rfft(speed, 2 * n)) ** 2)[lags] / (n - lags)
     first = int(np.argmax(covariance < 0.0))  # at shorter lags any smooth motion correlates
     best = first + int(np.argmax(covariance[first:]))
-    return best if first and covariance[best] >= REPEATED_SHARE * covariance[0] else None
+    return best if first and covariance[best] >= NEARLY_ALL * covariance[0] else None
 
 
 # ---- unnamed hypotheses that won -------------------------------------------------------------------------------------
@@ -236,11 +230,10 @@ def without_unnamed(
         for entry in found.found
     ]
     found = replace(found, found=tuple(possible))
-    for name in [entry.name for entry in found.found if entry.name in would_be]:
+    while (entry := next((one for one in found.found if one.name in would_be), None)) is not None:
         model = found.nested[-1]
-        index = model.names.index(name)
-        term, (entry,) = model.terms[index], [entry for entry in found.found if entry.name == name]
-        named = tuple(one for one in found.found if one is not entry and one.gain >= LEAST_NAMED_SHARE * entry.gain)
+        index, least = model.names.index(entry.name), LEAST_NAMED_SHARE * entry.gain
+        term, named = model.terms[index], tuple(one for one in found.found if one is not entry and one.gain >= least)
         terms = tuple(other for other in model.terms if other.effect.name in {one.name for one in named})
         reduced = fitting.refitted(terms, model) if terms else found.nested[0]
         assert issubclass(term.effect, UnnamedEffect)
@@ -248,19 +241,14 @@ def without_unnamed(
         in_words = term.effect.in_words(term.shape) + "".join(f", or {other} as well" for other in others)
         size = _size(fitting.problem, model, index)
         left = combined(left, Unexplained(signature=in_words, size_Nm=size))
-        found = replace(found, nested=(*nested_below(found.nested, reduced), reduced), found=named)
+        found = replace(found, nested=nested_to(reduced, found.nested), found=named)
     return found, left
-
-
-def nested_below(nested: Sequence[Model], model: Model) -> list[Model]:
-    """Return the nested models that have fewer effects than another, and none that it has not."""
-    return [one for one in nested if set(one.names) <= set(model.names) and len(one.terms) < len(model.terms)]
 
 
 def _size(problem: Problem, model: Model, index: int) -> float:
     """Return the RMS of a term's torque after removal of levels and slope [N m]."""
     first = segment_starts(problem, model.fit.jumps)
-    torque = remove_levels(model.terms[index].columns @ model.strengths(index), first)
+    torque = remove_levels(model.torque(index), first)
     speed_part = remove_levels(problem.speed, first)
     torque = torque - speed_part * float(speed_part @ torque) / max(float(speed_part @ speed_part), TINY)
     return float(np.sqrt(np.mean(torque**2)))

@@ -28,29 +28,32 @@ from rwa_monitor.wheel.effects.drag_laws import ViscosityTemperature
 from rwa_monitor.wheel.effects.torque_ripple import angle_range_turns, angle_turned
 
 FASTEST_S: Final = 60.0  # time constants of a bearing in its housing: minutes (its rings) to hours (the wheel's case)
-SLOWEST_S: Final = 7200.0
-LONGEST_LAG_SHARE: Final = 0.5  # of the record: a slower one is a drift
+LONGEST_SHARE: Final = 0.5  # of the record, or of the way between reversals: a slower decay is a drift or a level
 PALMGREN: Final = 2.0 / 3.0  # exponent of the speed of churning losses in ball bearings; else 1 (`sublinear_viscous`)
 SCALE_RAD_S: Final = 100.0  # unit of the speed, so that all strengths are torques
 FEWEST_REVERSALS: Final = 3  # after one or two the decay is a relaxation like any other
 SHORTEST_RAD: Final = 60.0  # some ten turns: what decays sooner is a bristle or a film of lubricant
-LONGEST_WAY_SHARE: Final = 0.5  # of the median angle from one reversal to the next: what lasts longer is a level
 STEPS_BETWEEN: Final = (0.02, 0.98)  # quantiles of the speed
 
 
-def _shown_lag(channels: Channels) -> tuple[float, float]:
-    return FASTEST_S, LONGEST_LAG_SHARE * channels.duration_s
+def _slowest_s(channels: Channels) -> float:
+    return LONGEST_SHARE * channels.duration_s
 
 
 def _shown_angle(channels: Channels) -> tuple[float, float]:
     travelled = angles_between_reversals(channels)
-    return SHORTEST_RAD, LONGEST_WAY_SHARE * float(np.median(travelled)) if travelled.size else SHORTEST_RAD
+    return SHORTEST_RAD, LONGEST_SHARE * float(np.median(travelled)) if travelled.size else SHORTEST_RAD
 
 
 def _shown_speed(channels: Channels) -> tuple[float, float]:
     """Return the range in which a step has samples on both its sides."""
     low, high = np.quantile(channels.used_speed_rad_s, STEPS_BETWEEN)
     return float(low), float(high)
+
+
+def _free(*names: str) -> tuple[Parameter, ...]:
+    """Return strengths of either sign [N m]."""
+    return tuple(Parameter(name, "N m", -np.inf, np.inf, 0.0, linear=True) for name in names)
 
 
 class UnnamedEffect(MeanEffect):
@@ -65,6 +68,20 @@ class UnnamedEffect(MeanEffect):
     source = ""
     separate_by = ""
     named_with_channel: ClassVar[str] = ""  # the catalogue's effect that it would be with one more channel
+    flips: ClassVar[bool] = False  # whether it changes sign with the direction of rotation, as friction does
+
+    @classmethod
+    def basis(cls, channels: Channels, shape: Shape) -> FloatArray:
+        """Return the columns in positive rotation, float64 (n, p); zero where they depend on more than the channels."""
+        del shape
+        return np.zeros((len(channels), len(cls.parameters)))
+
+    @classmethod
+    def columns(cls, channels: Channels, shape: Shape, memory: Memory = None) -> tuple[FloatArray, Memory]:
+        """Return the basis, with the sign of the rotation where it `flips`."""
+        del memory
+        basis = cls.basis(channels, shape)
+        return basis * channels.direction[:, None] if cls.flips else basis, None
 
     @classmethod
     def may_show(cls, problem: Problem) -> bool:
@@ -90,11 +107,12 @@ class HeatOfMotion(UnnamedEffect):
     signature = "a viscous drag that follows viscous self-heating"
     separate_by = "The bearing's temperature."
     named_with_channel = ViscosityTemperature.name
+    flips = True
     parameters = (
         *(Parameter(f"thinning_{i}_Nm", "N m", -np.inf, 0.0, -1e-4, linear=True) for i in range(4)),
         *(Parameter(f"curvature_{i}_Nm", "N m", 0.0, np.inf, 0.0, linear=True) for i in range(2)),
-        Parameter("start_Nm", "N m", -np.inf, np.inf, 0.0, linear=True),
-        Parameter("time_constant_s", "s", FASTEST_S, SLOWEST_S, 1000.0, shown=_shown_lag),
+        *_free("start_Nm"),
+        Parameter("time_constant_s", "s", FASTEST_S, 7200.0, 1000.0, shown=lambda c: (FASTEST_S, _slowest_s(c))),
     )
 
     @classmethod
@@ -102,7 +120,7 @@ class HeatOfMotion(UnnamedEffect):
         """Return whether viscous self-heating is possible: no temperature channel, several speeds, time to warm up."""
         channels = [record.channels for record in problem.records]
         unknown = all(one.bearing_temperature_degC is None for one in channels)
-        lasting = LONGEST_LAG_SHARE * max(one.duration_s for one in channels) > FASTEST_S
+        lasting = max(map(_slowest_s, channels)) > FASTEST_S
         return unknown and not problem.at_one_speed and lasting
 
     @classmethod
@@ -114,18 +132,17 @@ class HeatOfMotion(UnnamedEffect):
         )
 
     @classmethod
-    def columns(cls, channels: Channels, shape: Shape, memory: Memory = None) -> tuple[FloatArray, Memory]:
+    def basis(cls, channels: Channels, shape: Shape) -> FloatArray:
         """Return both drags times both heats and the viscous heat squared, and one times the initial heat's decay."""
-        del memory
         known = np.isfinite(channels.speed_rad_s)
         latest = np.maximum.accumulate(np.where(known, np.arange(len(channels)), 0))
         speed = np.abs(np.nan_to_num(channels.speed_rad_s[latest])) / SCALE_RAD_S
         kept = float(np.exp(-channels.sample_period_s / shape["time_constant_s"]))
         dry, viscous = (lfilter([0.0, 1.0 - kept], [1.0, -kept], power) for power in (speed, speed**2))
         start = kept ** np.arange(len(channels), dtype=np.float64)
-        newton, churning = channels.direction * speed, channels.direction * speed**PALMGREN
-        thinning = (newton * dry, newton * viscous, churning * dry, churning * viscous)
-        return np.stack([*thinning, newton * viscous**2, churning * viscous**2, newton * start], axis=1), None
+        churning = speed**PALMGREN
+        thinning = (speed * dry, speed * viscous, churning * dry, churning * viscous)
+        return np.stack([*thinning, speed * viscous**2, churning * viscous**2, speed * start], axis=1)
 
 
 class DecayAfterReversal(UnnamedEffect):
@@ -134,6 +151,7 @@ class DecayAfterReversal(UnnamedEffect):
     name = "decay_after_reversal"
     signature = "a drag that decays with the angle turned since each reversal"
     separate_by = "Reversals after rests of different length, each followed by long runs at two speeds."
+    flips = True
     parameters = (
         Parameter("strength_dry_Nm", "N m", 0.0, np.inf, 1e-4, linear=True),
         Parameter("strength_viscous_Nm", "N m", 0.0, np.inf, 0.0, linear=True),
@@ -144,7 +162,7 @@ class DecayAfterReversal(UnnamedEffect):
     def may_show(cls, problem: Problem) -> bool:
         """Return whether reversals are many enough, and far enough from each other, to identify such a decay."""
         travelled = [angles_between_reversals(record.channels) for record in problem.records]
-        far = np.concatenate(travelled) * LONGEST_WAY_SHARE > SHORTEST_RAD
+        far = np.concatenate(travelled) * LONGEST_SHARE > SHORTEST_RAD
         return int(np.count_nonzero(far)) >= FEWEST_REVERSALS
 
     @classmethod
@@ -153,12 +171,11 @@ class DecayAfterReversal(UnnamedEffect):
         return f"{cls.signature}, over about {shape['angle_rad'] / (2.0 * np.pi):.2g} turns, as of grease that channels"
 
     @classmethod
-    def columns(cls, channels: Channels, shape: Shape, memory: Memory = None) -> tuple[FloatArray, Memory]:
-        """Return the decay times the direction of rotation, and times the speed."""
-        del memory
+    def basis(cls, channels: Channels, shape: Shape) -> FloatArray:
+        """Return the decay, and the decay times |ω|."""
         angle = angle_since_reversal(np.nan_to_num(channels.speed_rad_s), channels.sample_period_s)
         left = np.exp(-angle / shape["angle_rad"])
-        return np.stack([channels.direction * left, channels.speed_rad_s / SCALE_RAD_S * left], axis=1), None
+        return np.stack([left, np.abs(channels.speed_rad_s) / SCALE_RAD_S * left], axis=1)
 
 
 def angles_between_reversals(channels: Channels) -> FloatArray:
@@ -185,16 +202,13 @@ class StepInSpeed(UnnamedEffect):
     name = "step_in_speed"
     threshold = "speed_rad_s"
     signature = "a drag that depends on |speed|"
-    parameters = (
-        Parameter("height_Nm", "N m", -np.inf, np.inf, 0.0, linear=True),
-        Parameter("speed_rad_s", "rad/s", 0.0, np.inf, 1.0, shown=_shown_speed),
-    )
+    flips = True
+    parameters = (*_free("height_Nm"), Parameter("speed_rad_s", "rad/s", 0.0, np.inf, 1.0, shown=_shown_speed))
 
     @classmethod
-    def columns(cls, channels: Channels, shape: Shape, memory: Memory = None) -> tuple[FloatArray, Memory]:
-        """Return s above the speed of the step, zero below."""
-        del memory
-        return (channels.direction * (np.abs(channels.speed_rad_s) > shape["speed_rad_s"]))[:, None], None
+    def basis(cls, channels: Channels, shape: Shape) -> FloatArray:
+        """Return 1 above the speed of the step, 0 below."""
+        return (np.abs(channels.speed_rad_s) > shape["speed_rad_s"])[:, None].astype(np.float64)
 
 
 UNNAMED: Final[tuple[type[UnnamedEffect], ...]] = (HeatOfMotion, DecayAfterReversal, StepInSpeed)
@@ -205,7 +219,7 @@ UNNAMED: Final[tuple[type[UnnamedEffect], ...]] = (HeatOfMotion, DecayAfterRever
 
 
 KNOTS: Final = 14  # of a curve: a feature as wide as a tenth of the range is not missed
-KNOTS_OF_TIME: Final = 7  # of the curve over time: a knot costs less than a jump, many jumps of one sign are a drift
+KNOTS_OF_TIME: Final = KNOTS // 2  # a knot costs less than a jump: many jumps of one sign are a drift
 
 Quantity = Callable[[Channels], FloatArray | None]
 
@@ -214,28 +228,24 @@ class KnotCurve(UnnamedEffect):
     """A nonparametric curve over a quantity: piecewise linear between knots at its quantiles."""
 
     quantity: ClassVar[Quantity]  # that the curve is a function of, None where it is not known
-    flips: ClassVar[bool]
 
     @classmethod
-    def columns(cls, channels: Channels, shape: Shape, memory: Memory = None) -> tuple[FloatArray, Memory]:
+    def basis(cls, channels: Channels, shape: Shape) -> FloatArray:
         """Return the hat functions of the piecewise linear curve, one for each knot."""
-        del shape, memory
+        del shape
         quantity = cls.quantity(channels)
         assert quantity is not None
         known = quantity[channels.good & np.isfinite(quantity)]
         count = len(cls.parameters)
         knots = np.unique(np.quantile(known, np.linspace(0, 1, count)))
-        columns = np.zeros((quantity.size, count))
-        for i in range(knots.size):
-            columns[:, i] = np.interp(quantity, knots, np.eye(knots.size)[i])
-        return columns * (channels.direction[:, None] if cls.flips else 1.0), None
+        hats = [np.interp(quantity, knots, height) for height in np.eye(knots.size, count).T]
+        return np.stack(hats, axis=1)
 
 
 def _curve(name: str, signature: str, quantity: Quantity, *, flips: bool, knots: int = KNOTS) -> type[KnotCurve]:
     """Return a nonparametric curve over a quantity; `flips`: changes sign with the direction, as friction does."""
-    heights = [Parameter(f"height_{i}_Nm", "N m", -np.inf, np.inf, 0.0, linear=True) for i in range(knots)]
     fields = {"name": name, "signature": signature, "quantity": staticmethod(quantity), "flips": flips}
-    return type(name, (KnotCurve,), {**fields, "parameters": tuple(heights)})
+    return type(name, (KnotCurve,), {**fields, "parameters": _free(*(f"height_{i}_Nm" for i in range(knots)))})
 
 
 def _angle(channels: Channels) -> FloatArray:
@@ -275,12 +285,6 @@ CURVES: Final = (
 class BetweenRecordings(UnnamedEffect):
     """A viscous coefficient, or a torque of a fixed sign, of its own in each recording; see `between_recordings`."""
 
-    @classmethod
-    def columns(cls, channels: Channels, shape: Shape, memory: Memory = None) -> tuple[FloatArray, Memory]:
-        """Return zeros: which recording it is, the channels do not contain."""
-        del shape, memory
-        return np.zeros((len(channels), len(cls.parameters))), None
-
 
 VISCOUS_DIFFERS: Final = "a viscous drag that differs between the recordings"
 OFFSET_DIFFERS: Final = "a torque that differs between the recordings and does not flip with the direction"
@@ -291,58 +295,44 @@ def between_recordings(problem: Problem) -> list[tuple[type[BetweenRecordings], 
 
     The columns are multiplied by s, as those of terms are.
     """
-    count = problem.starts.size - 1
+    count = len(problem.records)
+    if count == 1:
+        return []
     which = np.repeat(np.arange(count), np.diff(problem.starts))
+    differing = {VISCOUS_DIFFERS: problem.speed}
+    if all(np.ptp(problem.sign[which == number]) > 0.0 for number in np.unique(which)):
+        differing[OFFSET_DIFFERS] = problem.sign
     later = which[:, None] == np.arange(1, count)
-    both_ways = all(np.ptp(problem.sign[which == number]) > 0.0 for number in np.unique(which))
-    tried = [(VISCOUS_DIFFERS, problem.speed), *([(OFFSET_DIFFERS, problem.sign)] if both_ways else [])]
-    heights = tuple(Parameter(f"height_{i}", "-", -np.inf, np.inf, 0.0, linear=True) for i in range(count - 1))
+    fields = {"parameters": _free(*(f"height_{i}" for i in range(1, count)))}
     return [
-        (type(signature, (BetweenRecordings,), {"name": signature, "signature": signature, "parameters": heights}), of)
-        for signature, of in ((name, later * of[:, None]) for name, of in tried)
-        if count > 1
+        (type(text, (BetweenRecordings,), {**fields, "name": text, "signature": text}), later * of[:, None])
+        for text, of in differing.items()
     ]
 
 
-def _waves(harmonics: int) -> tuple[Parameter, ...]:
-    """Return the strengths of cosines and sines, and their frequency.
-
-    The frequency is read off the periodogram, not profiled: a discrete parameter is kept when a fit is refined.
-    """
-    names = [f"{wave}_{k}_Nm" for k in range(1, harmonics + 1) for wave in ("cosine", "sine")]
-    strengths = (Parameter(name, "N m", -np.inf, np.inf, 0.0, linear=True) for name in names)
-    return *strengths, Parameter("frequency_Hz", "Hz", 0.0, np.inf, 0.01, choices=(0.01,))
-
-
 class Periodic(UnnamedEffect):
-    """A sinusoid of time."""
+    """A periodic function of time, with its first harmonics."""
 
-    name = "periodic"
-    signature = "a torque that is periodic in time"
-    harmonics: ClassVar[int] = 1
-    parameters = _waves(harmonics)
-    flips: ClassVar[bool] = False
+    harmonics: ClassVar[int]
 
     @classmethod
-    def columns(cls, channels: Channels, shape: Shape, memory: Memory = None) -> tuple[FloatArray, Memory]:
+    def basis(cls, channels: Channels, shape: Shape) -> FloatArray:
         """Return cosine and sine of each harmonic."""
-        del memory
         phase = 2 * np.pi * shape["frequency_Hz"] * channels.time_s
         waves = [wave(k * phase) for k in range(1, cls.harmonics + 1) for wave in (np.cos, np.sin)]
-        return np.stack(waves, axis=1) * (channels.direction[:, None] if cls.flips else 1.0), None
+        return np.stack(waves, axis=1)
 
 
-class PeriodicDrag(Periodic):
-    """A sinusoid of time that changes sign with the direction of rotation."""
+def _periodic(name: str, signature: str, *, flips: bool, harmonics: int = 1) -> type[Periodic]:
+    strengths = _free(*(f"{wave}_{k}_Nm" for k in range(1, harmonics + 1) for wave in ("cosine", "sine")))
+    # The frequency is read off the periodogram, not profiled: a discrete parameter is kept when a fit is refined.
+    parameters = *strengths, Parameter("frequency_Hz", "Hz", 0.0, np.inf, 0.01, choices=(0.01,))
+    fields = {"name": name, "signature": signature, "flips": flips, "harmonics": harmonics}
+    return type(name, (Periodic,), {**fields, "parameters": parameters})
 
-    name = "periodic_drag"
-    signature = "a drag that is periodic in time"
-    flips: ClassVar[bool] = True
 
-
-class PeriodicRub(PeriodicDrag):
-    """A drag that repeats and lasts a short part of its period."""
-
-    name = "periodic_rub"
-    harmonics: ClassVar[int] = 20  # a rub of a twentieth of its period has so many of like size
-    parameters = _waves(harmonics)
+PERIODIC_DRAG: Final = "a drag that is periodic in time"
+PeriodicTorque = _periodic("periodic", "a torque that is periodic in time", flips=False)
+PeriodicDrag = _periodic("periodic_drag", PERIODIC_DRAG, flips=True)
+# What lasts a twentieth of its period has so many harmonics of like size.
+PeriodicRub = _periodic("periodic_rub", PERIODIC_DRAG, flips=True, harmonics=20)

@@ -50,12 +50,12 @@ def sentence(result: DiscrepancyResult) -> str:
         nearest = f"; {left.nearest.effect} comes nearest, with {left.nearest.share:.0%}" if left.nearest else ""
         parts.append(f"{left.signature}, {left.size_Nm:.2g} N m rms, that no known effect explains{nearest}{stands_in}")
     lacks = f"The simulation lacks {('; and ' if any(',' in one for one in parts) else ' and ').join(parts)}."
-    simulated = result.gain.simulated if result.gain is not None else None
+    simulated = result.gain.simulated
     if simulated is not None and simulated.is_a_loss:
         lacks += f" What was found {simulated.note}."
-    if result.gain is not None and result.gain.is_a_loss:
+    if result.gain.is_a_loss:
         return f"{_loss_in_words(result, result.gain)} {lacks}"
-    if result.gain is not None and result.gain.only_by_fewer_jumps:
+    if result.gain.only_by_fewer_jumps:
         return f"{lacks} On held-out data that leaves no less error, and needs fewer jumps for it."
     return lacks
 

@@ -9,6 +9,7 @@ from rwa_monitor.discrepancy.extended import extend
 from rwa_monitor.discrepancy.fitting import Fitting
 from rwa_monitor.discrepancy.result import Search
 from rwa_monitor.discrepancy.terms import make_term
+from rwa_monitor.samples import Samples
 from rwa_monitor.wheel.effects.drag_laws import Stribeck
 from rwa_monitor.wheel.wheel import Wheel
 from tests.discrepancy.simple import NOISE_NM, PERIOD_S, Array, record, search, swing
@@ -35,13 +36,17 @@ def assert_fitted(found: Search, name: str, truth: dict[str, float]) -> dict[str
 # ---- Stribeck --------------------------------------------------------------------------------------------------------
 
 
+def with_knee(
+    speed: Array, width: float, exponent: float, seed: int, jumps: tuple[int, ...] = (1500, 4000, 6200)
+) -> Samples:
+    """Return a record with a Stribeck curve of that exponent."""
+    curve = KNEE_NM * np.sign(speed) * np.exp(-((np.abs(speed) / width) ** exponent))
+    return record(speed, jumps, lambda *_: curve, seed=seed)[0]
+
+
 def knee(seed: int, width: float, exponent: float) -> Search:
     """Search a record with a Stribeck curve of that exponent."""
-
-    def curve(speed: Array, _: Array) -> Array:
-        return np.asarray(KNEE_NM * np.sign(speed) * np.exp(-((np.abs(speed) / width) ** exponent)))
-
-    return search(record(swing(top=120.0), effect=curve, seed=seed)[0])
+    return search(with_knee(swing(top=120.0), width, exponent, seed))
 
 
 @pytest.mark.parametrize(("seed", "width", "exponent"), [(50210, 6.0, 1.4), (50211, 8.0, 0.7), (50212, 12.0, 2.4)])
@@ -62,13 +67,9 @@ def test_a_usual_exponent_stays_where_nothing_contradicts_it(seed: int, exponent
 @pytest.mark.parametrize("width", [0.3, 0.5])
 def test_a_jump_beside_a_steep_zero_crossing_is_kept_while_the_shape_is_fitted(width: float) -> None:
     """It is within eight samples of the steps of the curve itself; without the jump no shape fits."""
-
-    def curve(speed: Array, _: Array) -> Array:
-        return np.asarray(KNEE_NM * np.sign(speed) * np.exp(-((np.abs(speed) / width) ** 2)))
-
     speed = swing(top=120.0)
     jumps = (1500, 4000, int(np.flatnonzero(np.diff(np.sign(speed)))[2]) + 6)
-    problem = problem_of(record(speed, jumps, curve, seed=50215)[0])
+    problem = problem_of(with_knee(speed, width, 2.0, 50215, jumps))
     fitting = Fitting(problem, jumps=True)
     term = make_term(problem, Stribeck, {"stribeck_speed_rad_s": width, "exponent": 1.0}, None)
     model = fitting.refitted((term,), fitting.base(), [np.searchsorted(problem.slot, jumps)])

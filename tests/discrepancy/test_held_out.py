@@ -8,8 +8,8 @@ from scipy.stats import norm
 
 from rwa_monitor.discrepancy.extended import extend
 from rwa_monitor.discrepancy.find import find_discrepancy, with_search_again
-from rwa_monitor.discrepancy.fitting import Fitting, predicts
-from rwa_monitor.discrepancy.likelihood import NoiseLaw, Series
+from rwa_monitor.discrepancy.fitting import Fitting
+from rwa_monitor.discrepancy.likelihood import NO_JUMPS, NoiseLaw, Series
 from rwa_monitor.discrepancy.result import Search
 from rwa_monitor.discrepancy.score import BLOCKS, held_out, on_other_recordings, regressors, with_law
 from rwa_monitor.discrepancy.terms import make_term
@@ -67,7 +67,7 @@ def predicted(samples: Samples, effect: type[MeanEffect], *shapes: dict[str, flo
     fitting = Fitting(problem, jumps=False)
     base = fitting.base()
     terms = [make_term(problem, effect, shape, None) for shape in shapes]
-    return [predicts(problem, fitting.refitted((term,), base), base) for term in terms]
+    return [fitting.predicts(fitting.refitted((term,), base), base) for term in terms]
 
 
 def test_a_term_predicts_where_it_is_true_and_not_where_it_follows_the_noise() -> None:
@@ -159,7 +159,7 @@ def test_the_likelihood_of_each_block_is_that_beside_its_own_fit() -> None:
     samples, _ = record(swing(600), ())
     problem = problem_of(samples)
     law = NoiseLaw(white=0.3, correlation=0.9)
-    model = with_law(problem, Fitting(problem, jumps=False).base(), law)
+    model = with_law(problem, (), NO_JUMPS, law)
     rows, *_ = regressors(Series.of(problem), ())
     lags = np.abs(np.subtract.outer(problem.slot, problem.slot))
     factor = np.linalg.cholesky(0.3 * (lags == 0) + 0.7 * 0.9**lags)

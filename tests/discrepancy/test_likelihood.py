@@ -64,30 +64,21 @@ noises = st.tuples(st.sampled_from([0.1, 1.0]), variances, st.sampled_from([0.0,
 
 @settings(max_examples=40)
 @given(layouts(), noises, st.integers(0, 99))
-def test_whitening_is_that_of_the_dense_covariance(
+def test_whitening_is_that_of_the_dense_covariance_and_of_a_level_after_a_jump_nothing_is_known(
     layout: tuple[FloatArray, IntArray], parts: Parts, seed: int
 ) -> None:
     sign, gap = layout
-    columns = np.random.default_rng(seed).normal(size=(3, COUNT))
-    none = np.zeros(0, dtype=np.int64)
-    assert_whitened(*whitened(columns, sign, gap, none, parts), columns, dense(sign, gap, parts))
-
-
-@settings(max_examples=40)
-@given(layouts(), noises, st.integers(0, 99))
-def test_a_jump_is_a_level_of_which_nothing_is_known(
-    layout: tuple[FloatArray, IntArray], parts: Parts, seed: int
-) -> None:
-    sign, gap = layout
-    rng = np.random.default_rng(seed)
+    rng, covariance = np.random.default_rng(seed), dense(sign, gap, parts)
     columns = rng.normal(size=(3, COUNT))
     jumps = np.sort(rng.choice(np.arange(1, COUNT), 5, replace=False))
     jumps = jumps[gap[jumps] > 0]
+    plain, plain_determinant = whitened(columns, sign, gap, jumps[:0], parts)
+    assert_whitened(plain, plain_determinant, columns, covariance)
     rows, log_determinant = whitened(columns, sign, gap, jumps, parts)
-    assert log_determinant == whitened(columns, sign, gap, jumps[:0], parts)[1]
+    assert log_determinant == plain_determinant
     recording, at = np.cumsum(gap == 0), np.arange(COUNT)
     steps = np.array([sign * ((at >= jump) & (recording == recording[jump])) for jump in jumps]).reshape(-1, COUNT)
-    factor = linalg.cholesky(dense(sign, gap, parts), lower=True)
+    factor = linalg.cholesky(covariance, lower=True)
     white_columns, white_steps = (linalg.solve_triangular(factor, one.T, lower=True) for one in (columns, steps))
     left = white_columns - white_steps @ linalg.lstsq(white_steps, white_columns)[0] if jumps.size else white_columns
     # Steps of any size are least squares' coefficients: only the products of what they leave are the same.
@@ -101,6 +92,23 @@ def series(count: int, seed: int = 0, recordings: int = 1) -> Series:
     gap[:: -(-count // recordings)] = 0
     slew = np.abs(np.cos(np.arange(count) / 17.0 + seed))
     return Series(np.zeros(count), np.sign(speed), speed, gap, slew)
+
+
+def noisy(noise: FloatArray, seed: int = 0, recordings: int = 1, levels: FloatArray | float = 40.0) -> Series:
+    """Return a to and fro with friction and noise."""
+    record = series(noise.size, seed, recordings)
+    return replace(record, friction=record.sign * levels + 0.1 * record.speed + noise)
+
+
+def fitted(record: Series, start: NoiseLaw) -> tuple[NoiseLaw, float]:
+    """Fit the noise of the base law."""
+    return fit_noise(record, record.base, np.zeros(2), FREE, start)
+
+
+def solved(rows: FloatArray, target: FloatArray, low: FloatArray, high: FloatArray) -> tuple[FloatArray, float]:
+    """Solve equations of a log-determinant of 7."""
+    products = np.vstack([target, rows]) @ np.vstack([target, rows]).T
+    return Equations(products[1:, 1:], products[1:, 0], products[0, 0], low, high, target.size, 7.0).solve()
 
 
 @pytest.mark.parametrize(("growth", "slew"), [(-1.5, 0.0), (0.0, 0.0), (2.0, 0.0), (0.0, 3.0), (1.0, 2.0)])
@@ -132,8 +140,7 @@ def test_the_bounded_solution_is_least_squares(seed: int, count: int, alike: boo
     rows *= 10.0 ** rng.uniform(-4, 4, count)[:, None]  # units differ by as much
     low = np.where(rng.random(count) < 0.5, 0.0, -np.inf)
     high = np.where(rng.random(count) < 0.3, 0.05 / np.abs(rows).max(axis=1), np.inf)
-    products = np.vstack([target, rows]) @ np.vstack([target, rows]).T
-    solution, deviance = Equations(products[1:, 1:], products[1:, 0], products[0, 0], low, high, 40, 7.0).solve()
+    solution, deviance = solved(rows, target, low, high)
     scale = np.abs(rows).max(axis=1)
     scaled = (rows / scale[:, None]).T
     expected = optimize.lsq_linear(scaled, target, (low * scale, high * scale), method="bvls", tol=1e-14)
@@ -145,33 +152,26 @@ def test_the_bounded_solution_is_least_squares(seed: int, count: int, alike: boo
 
 
 def test_a_bound_that_is_met_exactly_is_kept() -> None:
-    rows = np.vstack([np.ones(4), np.arange(4.0)])
-    target = 3.0 - np.arange(4.0)
-    products = np.vstack([target, rows]) @ np.vstack([target, rows]).T
-    low = np.array([-np.inf, 0.0])
-    solution, _ = Equations(products[1:, 1:], products[1:, 0], products[0, 0], low, FREE, 4, 0.0).solve()
-    assert solution == pytest.approx([1.5, 0.0])
+    rows, low = np.vstack([np.ones(4), np.arange(4.0)]), np.array([-np.inf, 0.0])
+    assert solved(rows, 3.0 - np.arange(4.0), low, FREE)[0] == pytest.approx([1.5, 0.0])
 
 
 def test_a_regressor_of_which_levels_leave_nothing_has_no_strength() -> None:
-    rows, target = np.vstack([np.arange(5.0), np.zeros(5)]), 2.0 * np.arange(5.0) + np.array([1.0, -1.0, 1.0, 0.0, 0.0])
-    products = np.vstack([target, rows]) @ np.vstack([target, rows]).T
-    products[0, 2] = products[2, 0] = 1e-18  # of rounding
-    solution, _ = Equations(products[1:, 1:], products[1:, 0], products[0, 0], -FREE, FREE, 5, 0.0).solve()
-    assert solution == pytest.approx([2.0 + 1.0 / 30.0, 0.0])
+    rows = np.vstack([np.arange(5.0), np.full(5, 1e-170)])  # of rounding
+    target = 2.0 * np.arange(5.0) + np.array([1.0, -1.0, 1.0, 0.0, 0.0])
+    assert solved(rows, target, -FREE, FREE)[0] == pytest.approx([2.0 + 1.0 / 30.0, 0.0])
 
 
 @pytest.mark.parametrize("seed", range(4))
 def test_a_law_of_the_noise_is_left_for_a_likelier_one_alone(seed: int) -> None:
-    record, rng = series(600, seed), np.random.default_rng([8, seed])
-    record = replace(record, friction=record.base.T @ [40.0, 0.1] + np.cumsum(rng.normal(size=600)))
+    record = noisy(np.cumsum(np.random.default_rng([8, seed]).normal(size=600)), seed)
     for start in (
         NoiseLaw(),
         NoiseLaw(white=0.01, correlation=0.99),
         NoiseLaw(white=0.5, correlation=0.2, growth=-1.0),
     ):
         at_start = Equations.of(record, record.base, np.zeros(2), FREE, start).solve()[1] + start.price(record.size)
-        assert fit_noise(record, record.base, np.zeros(2), FREE, start)[1] <= at_start
+        assert fitted(record, start)[1] <= at_start
 
 
 @pytest.mark.parametrize(("correlation", "white"), [(0.9, 0.5), (0.98, 0.1), (0.6, 0.02)])
@@ -179,10 +179,8 @@ def test_noise_is_found_as_it_was_made(correlation: float, white: float) -> None
     found = []
     for seed in range(8):
         rng = np.random.default_rng([7, seed])
-        record = series(2500, seed)
         noise = np.sqrt(1 - white) * remembering(2500, correlation, rng) + np.sqrt(white) * rng.normal(size=2500)
-        record = replace(record, friction=record.base.T @ [40.0, 0.1] + noise)
-        law, _ = fit_noise(record, record.base, np.zeros(2), FREE, NoiseLaw())
+        law, _ = fitted(noisy(noise, seed), NoiseLaw())
         found.append((law.correlation, law.white))
     error = np.std(found, axis=0, ddof=1)
     assert (np.abs(np.mean(found, axis=0) - (correlation, white)) < 4.0 * error / np.sqrt(8)).all()
@@ -192,19 +190,17 @@ def test_noise_is_found_as_it_was_made(correlation: float, white: float) -> None
 
 @pytest.mark.parametrize("start", [NoiseLaw(), NoiseLaw().separate_levels], ids=["one level", "levels"])
 def test_a_noise_parameter_that_pays_nothing_is_left_out(start: NoiseLaw) -> None:
-    record = series(1500, recordings=3)
-    record = replace(record, friction=record.base.T @ [40.0, 0.1] + np.random.default_rng(3).normal(size=1500))
-    assert fit_noise(record, record.base, np.zeros(2), FREE, start)[0] == NoiseLaw()
+    noise = np.random.default_rng(3).normal(size=1500)
+    assert fitted(noisy(noise, recordings=3), start)[0] == NoiseLaw()
 
 
 def test_levels_that_differ_between_recordings_are_draws() -> None:
-    record = series(1800, recordings=6)
     rng = np.random.default_rng(4)
     levels = np.repeat(rng.normal(40.0, 6.0, 6), 300)
-    record = replace(record, friction=record.sign * levels + 0.1 * record.speed + rng.normal(size=1800))
-    apart, score = fit_noise(record, record.base, np.zeros(2), FREE, NoiseLaw().separate_levels)
+    record = noisy(rng.normal(size=1800), recordings=6, levels=levels)
+    apart, score = fitted(record, NoiseLaw().separate_levels)
     assert apart.correlation == 0.0
     assert 6.0 < apart.level_spread < 200.0  # 36 of six draws
-    one_level, worse = fit_noise(record, record.base, np.zeros(2), FREE, NoiseLaw())
+    one_level, worse = fitted(record, NoiseLaw())
     assert one_level.level_spread == 0.0
     assert worse > score + 20.0

@@ -32,6 +32,9 @@ from tests.discrepancy.simple import (
     swing,
 )
 
+PLAIN, _ = record(swing())
+IN_RPM = replace(PLAIN, speed_rad_s=PLAIN.speed_rad_s * 60 / (2 * np.pi))
+
 
 def with_current(speed: np.ndarray, friction: np.ndarray) -> Samples:
     return sampled(speed, motor_current_A=current_of(friction, speed))
@@ -46,12 +49,6 @@ def test_friction_is_derived_from_current_and_speed() -> None:
     # The parabola through 17 samples of this swing errs by its third derivative: J·ω'''·(8 Δt)²/10 < 2e-6 N m.
     assert np.max(np.abs(made.friction_torque_Nm - friction)[inner]) < 2e-6
     assert not made.used[:8].any()  # the derivative has no value at the ends
-
-
-def test_without_friction_and_current_a_record_is_refused() -> None:
-    samples, _ = record(swing())
-    with pytest.raises(InputError, match=r"^poor: friction_torque_Nm is missing.*motor_off$"):
-        make_record(replace(samples, friction_torque_Nm=None), WHEEL, "poor")
 
 
 def test_gaps_and_values_that_are_not_finite_are_left_out_and_keep_their_slots() -> None:
@@ -75,12 +72,21 @@ def test_rest_is_left_out_but_crossings_stay() -> None:
     assert np.count_nonzero(~near) <= 2
 
 
-def test_values_beyond_the_limits_are_a_wrong_unit() -> None:
-    samples, _ = record(swing())
-    in_rpm = replace(samples, speed_rad_s=samples.speed_rad_s * 60 / (2 * np.pi))
-    with pytest.raises(InputError, match="wrong unit"):
-        make_record(in_rpm, WHEEL, "rpm")
-    make_record(in_rpm, WHEEL.model_copy(update={"limits": Limits()}), "rpm")
+@pytest.mark.parametrize(
+    ("poor", "words"),
+    [
+        (replace(PLAIN, friction_torque_Nm=None), r"^poor: friction_torque_Nm is missing.*motor_off$"),
+        (IN_RPM, "wrong unit"),
+        (replace(PLAIN, time_ns=PLAIN.time_ns * 50), "sample_period_s"),
+    ],
+)
+def test_a_table_without_friction_in_other_units_or_far_too_sparse_is_refused(poor: Samples, words: str) -> None:
+    with pytest.raises(InputError, match=words):
+        make_record(poor, WHEEL, "poor")
+
+
+def test_without_limits_no_unit_is_wrong() -> None:
+    make_record(IN_RPM, WHEEL.model_copy(update={"limits": Limits()}), "rpm")
 
 
 @pytest.mark.parametrize(("factor", "refused"), [(1.0, False), (1000.0, True), (0.001, True)])
@@ -91,12 +97,6 @@ def test_a_voltage_that_contradicts_the_speed_is_refused(factor: float, refused:
     samples = replace(samples, motor_voltage_V=factor * voltage)
     with pytest.raises(InputError, match="contradicts") if refused else nullcontext():
         make_record(samples, WHEEL, "volts")
-
-
-def test_a_file_far_sparser_than_its_sample_period_is_refused() -> None:
-    samples, _ = record(swing())
-    with pytest.raises(InputError, match="sample_period_s"):
-        make_record(replace(samples, time_ns=samples.time_ns * 50), WHEEL, "sparse")
 
 
 def test_every_sample_that_is_left_out_has_a_reason() -> None:
@@ -295,10 +295,9 @@ def test_steps_of_the_current_are_reported_and_make_no_effect() -> None:
 
 
 def test_an_effect_is_found_behind_the_steps() -> None:
-    def stribeck(speed: Array, _: Array) -> Array:
-        return STRIBECK_NM * np.exp(-((speed / STRIBECK_RAD_S) ** 2)) * np.sign(speed)
-
-    samples, _ = record(swing(top=60.0), effect=stribeck, seed=SEED + 2)
+    speed = swing(top=60.0)
+    stribeck = STRIBECK_NM * np.exp(-((speed / STRIBECK_RAD_S) ** 2)) * np.sign(speed)
+    samples, _ = record(speed, effect=lambda *_: stribeck, seed=SEED + 2)
     (effect,) = search(read_in_steps(samples, 4.0 * NOISE_NM)).result.effects
     assert effect.name == "stribeck"
     strength = effect.parameters["strength_Nm"]
@@ -363,11 +362,7 @@ def test_a_rest_does_not_hide_that_samples_are_means() -> None:
 
 def test_the_end_of_a_dead_zone_is_stated_as_well_as_samples_lie_around_it() -> None:
     zone = 12.0
-
-    def dead_zone(speed: Array, level: Array) -> Array:
-        return -level * np.sign(speed) * (np.abs(speed) < zone)
-
-    samples, _ = record(swing(4000), jumps=(), effect=dead_zone, seed=SEED + 7)
+    samples, _ = record(swing(4000), (), lambda w, level: -level * np.sign(w) * (np.abs(w) < zone), seed=SEED + 7)
     found = {effect.name: effect for effect in search(samples).result.effects}
     end = found["speed_dead_zone"].parameters["dead_zone_rad_s"]
     assert end.std > 0.0

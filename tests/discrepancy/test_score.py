@@ -44,24 +44,13 @@ def test_a_jump_beside_a_reversal_is_placed_to_the_sample(offset: int) -> None:
     assert abs(int(jumps[0]) - crossing - offset) <= 1  # the samples about zero are at rest
 
 
-def test_several_sets_of_jumps_together_lead_to_the_best_that_each_leads_to_alone() -> None:
-    samples, _ = record(swing(8000), jumps=(1500, 4000, 6200))
-    problem = problem_of(samples)
-    fitting = Fitting(problem, jumps=True)
-    base, starts = fitting.base(), [NO_JUMPS, np.array([1500, 6200]), np.arange(500, problem.size, 500)]
-    alone = [fitting.refitted_roughly((), base, [start]) for start in starts]
-    together = fitting.refitted_roughly((), base, starts)
-    assert together.score == min(one.score for one in alone)
-    np.testing.assert_array_equal(together.fit.jumps, min(alone, key=lambda one: one.score).fit.jumps)
-
-
 def test_a_term_is_screened_as_it_is_scored_where_nothing_is_averaged() -> None:
     problem = problem_of(record(swing(8000), jumps=(3000,))[0])
     base = Fitting(problem, jumps=True).base()
     term = make_term(problem, QuadraticDrag, {}, None)
     law = NoiseLaw()
     screened = Background.of(problem, (), law, base.fit.jumps).criterion_with(term)
-    assert screened == pytest.approx(with_law(problem, replace(base, terms=(term,)), law).score, abs=1e-6)
+    assert screened == pytest.approx(with_law(problem, (term,), base.fit.jumps, law).score, abs=1e-6)
 
 
 def test_screening_averages_neighbours_of_one_recording() -> None:
@@ -102,8 +91,7 @@ def test_what_a_few_samples_decide_gains_as_much_and_does_not_stand_out(share: f
     torque = np.where(np.arange(problem.size) < share * problem.size, 0.1 * NOISE_NM / share * column, 0.0)
     problem = replace(problem, z=problem.z + torque)
     term = Term(TorqueBias, {}, column[:, None], np.array([-np.inf]), np.array([np.inf]), 1.0)
-    nothing = Fit(NO_JUMPS, np.zeros(0), np.zeros(problem.size), np.zeros(problem.size), 0.0)
-    base, model = (with_law(problem, Model(terms, nothing), NoiseLaw()) for terms in ((), (term,)))
+    base, model = (with_law(problem, terms, NO_JUMPS, NoiseLaw()) for terms in ((), (term,)))
     assert 50.0 < base.score - model.score + problem.log_size < 120.0  # twice the log-likelihood: a hundredth a sample
     assert low < wald(problem, model)[0] < high
 
@@ -128,6 +116,7 @@ def test_an_inexact_law_explains_what_is_small_beside_it_but_not_what_has_the_ot
         terms.append(term)
         strengths.append(size / float(np.abs(term.columns).max()))
     nothing = np.zeros(problem.size)
-    model = Model(tuple(terms), Fit(NO_JUMPS, np.array([0.0, *strengths]), nothing, nothing, 0.0))
+    fit = Fit(NO_JUMPS, np.array([0.0, *strengths]), nothing, nothing)
+    model = Model(tuple(terms), fit, NoiseLaw(), 0.0)
     assert model.is_minor(0, problem.sign) == minor
     assert not model.is_minor(1, problem.sign)

@@ -67,7 +67,7 @@ def test_an_offset_in_a_few_dwells_may_be_an_asymmetry() -> None:
     # Level and direction change together from dwell to dwell: without the offset, levels take its part.
     dwells = np.repeat([60.0, -60.0, 150.0, -150.0, 300.0, -300.0], 1000)
     samples, _ = record(np.convolve(dwells, np.ones(41) / 41, "same")[20:-20], (), lambda _, level: 0.05 * level)
-    (effect,) = find_discrepancy([("dwells", samples)], WHEEL).result.effects
+    (effect,) = search(samples).result.effects
     assert {effect.name, *effect.equivalent} >= {"torque_bias", "coulomb_asymmetry"}
 
 
@@ -87,10 +87,7 @@ def test_an_error_of_the_inertia_is_found_in_short_slews_between_long_dwells(see
 
 
 def test_the_answer_does_not_depend_on_threads() -> None:
-    def hidden(speed: np.ndarray, level: np.ndarray) -> np.ndarray:
-        return 2e-4 * np.exp(-np.abs(speed) / 10.0) * np.sign(speed) + 1e-4
-
-    samples, _ = record(swing(4000), jumps=(1500,), effect=hidden)
+    samples, _ = record(swing(4000), (1500,), lambda w, _: 2e-4 * np.exp(-np.abs(w) / 10.0) * np.sign(w) + 1e-4)
     one = search(samples)
     other = find_discrepancy([("hidden", samples)], WHEEL, each=on_threads(4))
     assert one.result.effects
@@ -107,26 +104,20 @@ def test_a_breakaway_faster_than_the_samples_is_no_more_than_a_dead_zone(slots: 
     channels = make_record(record(speed)[0], WHEEL, "motion").channels
     torque, _ = bristle.torque(replace(channels, speed_rad_s=speed, direction=np.sign(speed)))
     samples, _ = record(speed, effect=lambda speed, level: torque)
-    found = [e for e in find_discrepancy([("record", samples)], WHEEL).result.effects if e.family == "mean"]
+    found = [effect for effect in search(samples).result.effects if effect.family == "mean"]
     names = {name for entry in found for name in (entry.name, *entry.equivalent)}
     assert "presliding" in names
     assert ("speed_dead_zone" not in names) is alone
 
 
 def test_a_threshold_of_speed_is_no_jump_at_each_of_its_crossings() -> None:
-    def dead_zone(omega: np.ndarray, level: np.ndarray) -> np.ndarray:
-        return -0.3 * DRY_NM * np.sign(omega) * (np.abs(omega) < 20.0)
-
-    found = search(record(swing(), effect=dead_zone)[0])
+    found = search(record(swing(), effect=lambda w, _: -0.3 * DRY_NM * np.sign(w) * (np.abs(w) < 20.0))[0])
     assert names(found) == ["speed_dead_zone"]
     np.testing.assert_allclose(found.problem.slot[found.extended.fit.jumps], [1500, 4000, 6200], atol=2)
 
 
 def test_a_step_at_half_the_speed_is_no_dead_zone() -> None:
-    def step(omega: np.ndarray, level: np.ndarray) -> np.ndarray:
-        return 0.3 * DRY_NM * np.sign(omega) * (np.abs(omega) > 120.0)
-
-    found = search(record(swing(), effect=step)[0])
+    found = search(record(swing(), effect=lambda w, _: 0.3 * DRY_NM * np.sign(w) * (np.abs(w) > 120.0))[0])
     assert found.result.unexplained is not None or any(effect.formula for effect in found.result.effects)
     assert "speed_dead_zone" not in names(found)
 
@@ -166,11 +157,10 @@ def test_a_cage_is_named_alone_and_its_bursts_are_no_jumps() -> None:
     noise = cage.apply(NOISE_NM * rng.normal(size=len(quiet)), channels, rng)
     samples, _ = record(swing(), noise=noise)
     found = search(samples)
-    result = found.result
     assert names(found) == ["cage_instability"]
-    assert result.effects[0].parameters["band_speed_rad_s"].value == pytest.approx(120.0, abs=8.0)
-    assert result.unexplained is None
-    assert result.gain.changepoints_base == pytest.approx(3, abs=2)  # of some twenty with the bursts in
+    assert found.result.effects[0].parameters["band_speed_rad_s"].value == pytest.approx(120.0, abs=8.0)
+    assert found.result.unexplained is None
+    assert found.result.gain.changepoints_base == pytest.approx(3, abs=2)  # of some twenty with the bursts in
 
 
 def test_what_stands_out_only_where_the_direction_changes_is_no_noise() -> None:

@@ -7,7 +7,9 @@ import pytest
 
 from rwa_monitor.discrepancy.base_fit import fit, make_problem
 from rwa_monitor.discrepancy.noise_effects import noise_effects, with_even_noise
+from rwa_monitor.discrepancy.problem import Problem
 from rwa_monitor.discrepancy.record import make_record
+from rwa_monitor.discrepancy.score import scored
 from rwa_monitor.discrepancy.switching_effects import switching_effects
 from rwa_monitor.discrepancy.terms import Model
 from rwa_monitor.samples import BoolArray, FloatArray
@@ -49,13 +51,16 @@ def level_of(systems: tuple[SwitchingSystem, ...], clock: np.ndarray, seed: int)
     return np.asarray(DRY_NM * (1.0 + np.sum(friction, axis=0)))
 
 
+def base_model(level: FloatArray, speed: FloatArray, noise: FloatArray, wheel: Wheel) -> tuple[Problem, Model]:
+    friction = np.sign(speed) * level + VISCOUS * speed + NOISE_NM * noise
+    problem = make_problem([make_record(sampled(speed, friction), wheel, "jumps")], wheel)
+    return problem, scored(problem, (), fit(problem).jumps)
+
+
 def named(
     level: FloatArray, speed: FloatArray, seed: int, in_band: Sequence[BoolArray] = (), wheel: Wheel = KNOWN
 ) -> list[str]:
-    rng = np.random.default_rng(seed + 100)
-    friction = np.sign(speed) * level + VISCOUS * speed + NOISE_NM * rng.normal(size=COUNT)
-    problem = make_problem([make_record(sampled(speed, friction), wheel, "jumps")], wheel)
-    model = Model((), fit(problem))
+    problem, model = base_model(level, speed, np.random.default_rng(seed + 100).normal(size=COUNT), wheel)
     return [effect.name for effect in switching_effects(problem, model, wheel, in_band)]
 
 
@@ -80,10 +85,8 @@ def test_what_stands_out_at_a_reversal_is_no_jump_of_a_system(seed: int) -> None
 @pytest.mark.parametrize("seed", [1, 3, 4, 5])
 def test_samples_of_a_noisy_band_are_no_jumps(seed: int) -> None:
     speed, rng = some_speed(seed), np.random.default_rng(seed)
-    noise = NOISE_NM * (1.0 + 1.5 * np.exp(-0.5 * ((speed - 150.0) / 15.0) ** 2)) * rng.normal(size=COUNT)
-    friction = level_of(KNOWN.fss, np.arange(COUNT), seed) + VISCOUS * speed + noise
-    problem = make_problem([make_record(sampled(speed, friction), KNOWN, "band")], KNOWN)
-    model = Model((), fit(problem))
+    noise = (1.0 + 1.5 * np.exp(-0.5 * ((speed - 150.0) / 15.0) ** 2)) * rng.normal(size=COUNT)
+    problem, model = base_model(level_of(KNOWN.fss, np.arange(COUNT), seed), speed, noise, KNOWN)
     found = noise_effects(problem, model)
     assert [effect.name for effect in found] == ["speed_dependent_noise"]
     assert switching_effects(problem, with_even_noise(problem, model, found), KNOWN) == []

@@ -29,7 +29,7 @@ def test_the_effect_that_explains_a_part_of_an_unknown_drag_is_reported_with_its
     size = np.abs(speed)
     waves, curve = np.sin(size / (12.0 if is_near else 15.0)), bend * (size / 200.0) ** 2
     drag = np.sign(speed) * DRY_NM * (curve + (0.1 if is_near else 0.2) * waves)
-    found = find_discrepancy([("waves", smooth_record(speed, drag, seed=3))], UNKNOWN).result
+    found = search(smooth_record(speed, drag, seed=3), UNKNOWN).result
     assert found.unexplained.signature == "a drag that depends on |speed|"
     nearest = found.unexplained.nearest
     assert (nearest is not None) == is_near
@@ -43,12 +43,7 @@ def test_a_drag_that_wanders_is_not_explained_away_by_noise_or_small_steps(forge
     kept = np.exp(-1 / forgets_after)
     draws = np.random.default_rng(3).normal(size=SHORT)
     walk = 3 * NOISE_NM * np.sqrt(1 - kept**2) * signal.lfilter([1.0], [1.0, -kept], draws)
-
-    def wandering(speed: np.ndarray, level: np.ndarray) -> np.ndarray:
-        return walk * np.sign(speed)
-
-    samples, _ = record(swing(SHORT), jumps=(), effect=wandering)
-    result = find_discrepancy([("wandering", samples)], UNKNOWN).result
+    result = search(record(swing(SHORT), (), lambda speed, _: walk * np.sign(speed))[0], UNKNOWN).result
     assert result.verdict == "inadequate"
     assert "wanders" in result.unexplained.signature
     assert 0.4 * walk.std() < result.unexplained.size_Nm < 1.1 * walk.std()
@@ -58,13 +53,11 @@ def test_a_drag_that_wanders_is_not_explained_away_by_noise_or_small_steps(forge
 def test_noise_that_forgets_is_no_wandering(autocorrelation: float) -> None:
     white = np.sqrt(1 - autocorrelation**2) * np.random.default_rng(4).normal(size=COUNT)
     noise = NOISE_NM * signal.lfilter([1.0], [1.0, -autocorrelation], white)
-    samples, _ = record(swing(COUNT), jumps=(), noise=noise)
-    assert find_discrepancy([("noise", samples)], UNKNOWN).result.unexplained is None
+    assert search(record(swing(COUNT), (), noise=noise)[0], UNKNOWN).result.unexplained is None
 
 
 def test_many_true_jumps_are_no_wandering() -> None:
-    samples, _ = record(swing(COUNT), jumps=tuple(range(500, 7600, 600)))
-    result = find_discrepancy([("jumps", samples)], UNKNOWN).result
+    result = search(record(swing(COUNT), tuple(range(500, 7600, 600)))[0], UNKNOWN).result
     assert result.unexplained is None
     assert result.gain.changepoints_extended == 12
 
@@ -74,8 +67,7 @@ def test_a_drift_that_grows_ever_faster_is_not_explained_away_by_jumps() -> None
     time_s = np.arange(count) * PERIOD_S
     ramp = 3.0e-4 * np.clip((time_s - 1000.0) / 1500.0, 0.0, None) ** 2
     jumps = (6000, 11_000, 16_500)
-    samples, _ = record(swing(count), jumps=jumps, effect=lambda speed, level: ramp * np.sign(speed))
-    result = find_discrepancy([("ramp", samples)], WHEEL).result
+    result = search(record(swing(count), jumps, lambda speed, _: ramp * np.sign(speed))[0]).result
     assert result.verdict == "inadequate"
     assert "drifts with time" in result.unexplained.signature
     beside_levels = np.concatenate([part - part.mean() for part in np.split(ramp, jumps)])
@@ -85,8 +77,7 @@ def test_a_drift_that_grows_ever_faster_is_not_explained_away_by_jumps() -> None
 def test_the_period_of_a_short_rub_is_reported_not_that_of_a_harmonic() -> None:
     count = 20_000
     rub = 2 * NOISE_NM * (np.mod(np.arange(count) * PERIOD_S, 130.0) < 6.0)
-    samples, _ = record(swing(count), effect=lambda speed, level: rub * np.sign(speed))
-    result = find_discrepancy([("rub", samples)], WHEEL).result
+    result = search(record(swing(count), effect=lambda speed, _: rub * np.sign(speed))[0]).result
     assert "periodic in time, every 130 s" in result.unexplained.signature
     assert 0.6 * rub.std() < result.unexplained.size_Nm < 1.5 * rub.std()
 
@@ -106,8 +97,7 @@ def test_a_short_record_that_wanders_is_periodic_with_nothing_longer_than_itself
 def test_what_repeats_with_the_motion_is_not_called_periodic_in_time() -> None:
     speed = swing(period_s=170.0)
     bend = 3 * NOISE_NM * np.sin(speed / 10.0)  # no law of the catalogue
-    samples, _ = record(speed, jumps=(), effect=lambda speed, level: bend * np.sign(speed))
-    result = find_discrepancy([("bend", samples)], WHEEL).result
+    result = search(record(speed, (), lambda speed, _: bend * np.sign(speed))[0]).result
     assert result.verdict == "inadequate"
     assert "periodic in time" not in (result.unexplained.signature if result.unexplained else "")
 
@@ -170,11 +160,8 @@ def test_what_differs_between_recordings_is_reported_and_is_no_noise(
 
 @pytest.mark.parametrize("seed", [0, pytest.param(1, marks=pytest.mark.slow)])
 def test_a_slope_that_jumps_by_itself_is_named(seed: int) -> None:
-    def sloped(speed: Array, _: Array) -> Array:
-        stretch = np.searchsorted(SLOPES, np.arange(speed.size), side="right")
-        return np.asarray(0.5 * VISCOUS * np.array([0.0, 1.0, 0.0, 1.0])[stretch] * speed)
-
-    samples, _ = record(swing(SHORT), JUMPS, sloped, seed=seed)
+    slope = 0.5 * VISCOUS * (np.searchsorted(SLOPES, np.arange(SHORT), side="right") % 2)
+    samples, _ = record(swing(SHORT), JUMPS, lambda speed, _: slope * speed, seed=seed)
     assert names(search(samples)) == ["viscous_jump"]
 
 
@@ -210,7 +197,7 @@ def test_grease_that_channels_after_each_reversal_is_reported_with_the_turns_it_
             drag[k] = 3e-4 * left * (now / 100.0 if viscous else np.sign(now))
         return drag
 
-    found = find_discrepancy([("grease", record(runs(seed), effect=churning, seed=seed)[0])], WHEEL)
+    found = search(record(runs(seed), effect=churning, seed=seed)[0])
     assert not found.result.effects
     words = found.result.unexplained.signature
     assert "decays with the angle turned since each reversal" in words
@@ -219,5 +206,4 @@ def test_grease_that_channels_after_each_reversal_is_reported_with_the_turns_it_
 
 
 def test_reversals_without_grease_show_nothing() -> None:
-    found = find_discrepancy([("plain", record(runs(50402), seed=50402)[0])], WHEEL)
-    assert found.result.verdict == "adequate"
+    assert search(record(runs(50402), seed=50402)[0]).result.verdict == "adequate"
