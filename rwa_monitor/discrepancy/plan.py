@@ -9,14 +9,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import Final
+from typing import Final, Self
 
 import numpy as np
 from scipy.ndimage import uniform_filter1d
 
 from rwa_monitor.discrepancy.hypotheses import CANDIDATES, not_testable
 from rwa_monitor.discrepancy.likelihood import ACCEPT_GAIN, NO_JUMPS, NoiseLaw
-from rwa_monitor.discrepancy.problem import ColumnCache, Problem
+from rwa_monitor.discrepancy.problem import Problem
 from rwa_monitor.discrepancy.record import Record
 from rwa_monitor.discrepancy.result import Search
 from rwa_monitor.discrepancy.score import Background
@@ -68,6 +68,11 @@ class PlannedManoeuvre:
     worst_pair: Pair
     shows: tuple[str, ...] = ()
 
+    @classmethod
+    def of(cls, manoeuvre: Manoeuvre, separation: float, worst_pair: Pair, shows: tuple[str, ...] = ()) -> Self:
+        """Return a manoeuvre of the library with how well it separates causes."""
+        return cls(manoeuvre.name, manoeuvre.description, manoeuvre.duration_s, separation, worst_pair, shows)
+
     @property
     def nats_per_hour(self) -> float:
         """Separation per hour of flying it."""
@@ -112,18 +117,17 @@ def rank_manoeuvres(
     wheel
         For sample period and limits.
     """
-    worth = {
-        manoeuvre: _separations(problem, model, laid_out, level, alternatives)
+    worth = [
+        (manoeuvre, _separations(problem, model, laid_out, level, alternatives))
         for manoeuvre, laid_out, level in _as_problems(problem, model, wheel)
-    }
-    pairs = {pair for of_pairs in worth.values() for pair in of_pairs}
+    ]
     # Pairs that no manoeuvre separates, as these channels cannot distinguish them, do not count in the ranking.
-    separable = {pair for pair in pairs if any(one.get(pair, 0.0) >= UNINFORMATIVE for one in worth.values())}
-    planned = []
-    for manoeuvre, of_pairs in worth.items():
-        left = [(separation, pair) for pair, separation in of_pairs.items() if pair in separable]
-        if left:
-            planned.append(PlannedManoeuvre(manoeuvre.name, manoeuvre.description, manoeuvre.duration_s, *min(left)))
+    separable = {pair for _, of_pairs in worth for pair, nats in of_pairs.items() if nats >= UNINFORMATIVE}
+    planned = [
+        PlannedManoeuvre.of(manoeuvre, *min((of_pairs[pair], pair) for pair in separable & of_pairs.keys()))
+        for manoeuvre, of_pairs in worth
+        if separable & of_pairs.keys()
+    ]
     return sorted(planned, key=lambda entry: -entry.separation)
 
 
@@ -143,7 +147,7 @@ def _separations(
 
 
 def rank_for_untested(problem: Problem, model: Model, untested: Sequence[str], wheel: Wheel) -> list[PlannedManoeuvre]:
-    """Rank the manoeuvres by how many effects that the records could not test they would make identifiable, best first.
+    """Return the manoeuvres that would make effects identifiable that the records could not test.
 
     Each effect at UNTESTED_SHARE of all friction, its shape in the middle of what the manoeuvre can identify. The
     separation is the least among the effects that are identifiable.
@@ -162,10 +166,8 @@ def rank_for_untested(problem: Problem, model: Model, untested: Sequence[str], w
         if shown:
             worth, name = min(shown)
             names = tuple(entry for _, entry in shown)
-            planned.append(
-                PlannedManoeuvre(manoeuvre.name, manoeuvre.description, manoeuvre.duration_s, worth, (name, ""), names)
-            )
-    return sorted(planned, key=lambda entry: (-len(entry.shows), -entry.separation))
+            planned.append(PlannedManoeuvre.of(manoeuvre, worth, (name, ""), names))
+    return planned
 
 
 def _as_problems(problem: Problem, model: Model, wheel: Wheel) -> Iterator[tuple[Manoeuvre, Problem, FloatArray]]:
@@ -199,7 +201,7 @@ def _separation(laid_out: Problem, torque: FloatArray, alternative: str, level: 
 def _noiseless(problem: Problem, z: FloatArray, jumps: IntArray = NO_JUMPS) -> Background:
     """Return the base law for friction without noise; with some viscous drag added, which an imitation may reduce."""
     drag = float(np.max(np.abs(z))) * problem.speed / problem.top_speed
-    return Background.of(replace(problem, z=z + drag, columns=problem.columns), (), NoiseLaw(), jumps)
+    return Background.of(replace(problem, z=z + drag), (), NoiseLaw(), jumps)
 
 
 def _expected_torque(
@@ -217,7 +219,7 @@ def _expected_torque(
     known = model.terms[0].columns @ model.strengths(0)
     fitted, _ = profile(_noiseless(problem, known + model.fit.level.mean()), model.fit.level, effect)
     design = np.column_stack([np.ones(problem.size), problem.speed, fitted.columns])
-    strengths = np.clip(np.linalg.lstsq(design, known, rcond=None)[0][2:], fitted.low, fitted.high)
+    strengths = np.clip(np.linalg.lstsq(design, known)[0][2:], fitted.low, fitted.high)
     imitation = fitted.columns @ strengths
     if float(imitation @ imitation) < IMITATION_SHARE * float(known @ known):
         return None
@@ -230,14 +232,13 @@ def _as_problem(problem: Problem, manoeuvre: Manoeuvre, top: float, wheel: Wheel
     period = max(wheel.sample_period_s, manoeuvre.duration_s / MAX_SLOTS)
     time_s = np.arange(0.0, manoeuvre.duration_s, period)
     speed = uniform_filter1d(manoeuvre.speed(time_s, top), max(int(RAMP_S / period), 1))
-    acceleration = np.gradient(speed, period)
-    inertia = wheel.inertia_kg_m2 or 0.0
+    acceleration, direction = np.gradient(speed, period), np.sign(speed)
     drag = float(np.median(np.abs(problem.z)))
-    torque = inertia * acceleration + np.sign(speed) * drag
+    torque = (wheel.inertia_kg_m2 or 0.0) * acceleration + direction * drag
     channels = Channels(
         time_s=time_s,
         speed_rad_s=speed,
-        direction=np.sign(speed),
+        direction=direction,
         acceleration_rad_s2=acceleration,
         angle_rad=np.cumsum(speed) * period,
         motor_torque_Nm=torque,
@@ -247,7 +248,7 @@ def _as_problem(problem: Problem, manoeuvre: Manoeuvre, top: float, wheel: Wheel
         good=np.ones(time_s.size, dtype=bool),
         motor_torque_rate_Nm_s=np.gradient(torque, period),
     )
-    used = channels.direction != 0
+    used = direction != 0
     record = Record("plan", channels, np.zeros(time_s.size), used, False, 0.0)
     size = int(used.sum())
     return Problem(
@@ -256,12 +257,11 @@ def _as_problem(problem: Problem, manoeuvre: Manoeuvre, top: float, wheel: Wheel
         np.zeros(size),
         0.0,
         np.abs(speed[used]),
-        channels.direction[used],
+        direction[used],
         np.array([0, size]),
         np.flatnonzero(used),
         problem.noise,
         None,
-        ColumnCache(),
     )
 
 
@@ -270,13 +270,10 @@ def _steps(
 ) -> FloatArray:
     """Return equal dwells at the given speeds, joined by ramps of the given acceleration."""
     dwell = duration_s / len(speeds)
-    points_t, points_w = [0.0], [speeds[0]]
-    for i, target in enumerate(speeds):
-        begin = i * dwell
-        ramp = min(abs(target - points_w[-1]) / rate_rad_s2, 0.8 * dwell)
-        points_t += [begin + max(ramp, 1e-3), begin + dwell]
-        points_w += [target, target]
-    return np.interp(time_s, points_t, points_w)
+    ramps = np.clip(np.abs(np.diff(speeds, prepend=speeds[0])) / rate_rad_s2, 1e-3, 0.8 * dwell)
+    begins = dwell * np.arange(len(speeds))
+    corners = np.stack([begins + ramps, begins + dwell], axis=1)
+    return np.interp(time_s, corners.ravel(), np.repeat(speeds, 2))
 
 
 MANOEUVRES: Final = (
@@ -298,11 +295,7 @@ MANOEUVRES: Final = (
     Manoeuvre(
         "reversals at two accelerations",
         "Reverse the wheel quickly and slowly in turn.",
-        lambda t, top: (
-            0.1
-            * top
-            * np.where(t < DURATION_S / 2, np.sin(2 * np.pi * t / 1200 + 0.1), np.sin(2 * np.pi * t / 150 + 0.1))
-        ),
+        lambda t, top: 0.1 * top * np.sin(2 * np.pi * t / np.where(t < DURATION_S / 2, 1200, 150) + 0.1),
     ),
     Manoeuvre(
         "coast-down",
@@ -408,14 +401,12 @@ def plan(search: Search) -> Plan:
             advice.append(f"{none} would {question}; what would: {' '.join(would)}")
         if manoeuvres or sets:
             return Plan(question, manoeuvres, advice)
-    untested = [name for name, _ in search.result.untested if name in MEAN_EFFECTS]
     # No manoeuvre replaces a channel that is not recorded.
     channels = not_testable(search.problem, CANDIDATES, search.result.untested)
-    lacking = [name for name in untested if name in channels]
-    untested = [name for name in untested if name not in channels]
-    missing = dict(search.result.untested)
-    for channel in dict.fromkeys(missing[name] for name in lacking):
-        shown = ", ".join(name for name in lacking if missing[name] == channel)
+    missing = {name: what for name, what in search.result.untested if name in MEAN_EFFECTS}
+    untested = [name for name in missing if name not in channels]
+    for channel in dict.fromkeys(what for name, what in missing.items() if name in channels):
+        shown = ", ".join(name for name in missing if name in channels and missing[name] == channel)
         advice.append(f"no manoeuvre shows {shown} without {channel}")
     manoeuvres = _worth_flying(rank_for_untested(search.problem, search.extended, untested, search.wheel))
     if untested and not manoeuvres:

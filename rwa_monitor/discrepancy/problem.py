@@ -9,7 +9,8 @@ from __future__ import annotations
 from collections.abc import Callable, Hashable, Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any, Final, Protocol, TypeVar
+from operator import is_
+from typing import Any, Final, Protocol, TypeVar, cast
 
 import numpy as np
 from scipy.ndimage import maximum_filter1d, median_filter
@@ -69,9 +70,12 @@ def estimate_noise(pieces: Sequence[FloatArray]) -> Noise:
         return float(0.5 * (np.median(np.abs(differences)) / MEDIAN_OF_ABSOLUTE_NORMAL) ** 2)
 
     gamma = np.array([half_variance(lag) for lag in range(1, most + 1)])
-    # Medians ignore heavy tails: their share of the variance is estimated from differences of neighbours, of which a
-    # jump affects only one.
-    gamma *= tail_factor(np.concatenate([np.diff(piece) for piece in pieces]))
+    # Medians ignore heavy tails: their share of the variance is the ratio of the winsorised variance to that implied by
+    # the median, of differences of neighbours, of which a jump affects only one.
+    steps = np.concatenate([np.diff(piece) for piece in pieces])
+    scale = float(np.median(np.abs(steps))) / MEDIAN_OF_ABSOLUTE_NORMAL
+    if scale > 0.0:
+        gamma *= float(np.mean(np.clip(steps / scale, -CLIP_AT, CLIP_AT) ** 2))
     # Where slow waves remain, differences over long lags exceed the variance of the values themselves.
     spread = float(np.mean(np.concatenate([piece - piece.mean() for piece in pieces]) ** 2))
     sill = min(float(np.median(gamma[-max(most // 4, 1) :])), spread)
@@ -88,15 +92,6 @@ def long_run_variance(covariance: FloatArray) -> float:
     h = np.arange(1, covariance.size)
     means = range(1, 4 * max(covariance.size - 1, 1))
     return max(float(covariance[0] + 2 * np.sum(np.clip(1 - h / m, 0, None) * covariance[1:])) for m in means)
-
-
-def tail_factor(values: FloatArray) -> float:
-    """Return the ratio of the winsorised variance to that implied by the median of |values|; 1 for Gaussian values."""
-    scale = float(np.median(np.abs(values))) / MEDIAN_OF_ABSOLUTE_NORMAL
-    if scale <= 0:
-        return 1.0
-    clipped = np.clip(values / scale, -CLIP_AT, CLIP_AT)
-    return float(np.mean(clipped**2))
 
 
 def clip_outliers(values: FloatArray, std: float) -> tuple[FloatArray, BoolArray]:
@@ -168,17 +163,16 @@ class RecentCache:
 
     def __init__(self) -> None:
         # The tuple is replaced as a whole: of two values added at once by two threads, at most one is lost.
-        self._values: tuple[tuple[tuple[object, ...], Hashable, Any], ...] = ()
+        self._values: tuple[tuple[tuple[object, ...], Any], ...] = ()
 
-    def get(self, objects: tuple[object, ...], key: Hashable, make: Callable[[], Value]) -> Value:
-        """Return the cached value for this key and these objects, compared by identity, or a new one from `make`."""
-        for known, of_known, kept in self._values:
-            if of_known == key and all(one is other for one, other in zip(known, objects, strict=True)):
-                same: Value = kept
-                return same
-        value = make()
-        self._values = (*self._values, (objects, key, value))[-RECENT:]
-        return value
+    def get(self, objects: tuple[object, ...], make: Callable[[], Value]) -> Value:
+        """Return the cached value for these objects, compared by identity, or a new one from `make`."""
+        for known, value in self._values:
+            if all(map(is_, known, objects)):
+                return cast("Value", value)
+        made = make()
+        self._values = (*self._values, (objects, made))[-RECENT:]
+        return made
 
 
 # ---- the data that a search works on ---------------------------------------------------------------------------------
@@ -278,13 +272,10 @@ class Problem:
     @cached_property
     def to_reversal(self) -> IntArray:
         """Distance of each sample from the first one after the nearest change of direction [samples], int64 (n,)."""
-        reversal = np.flatnonzero(np.diff(self.sign) != 0) + 1
-        if reversal.size == 0:
-            return np.full(self.size, self.size, dtype=np.int64)
-        at = np.arange(self.size)
+        far, at = self.size, np.arange(self.size)
+        reversal = np.concatenate([[-far], np.flatnonzero(np.diff(self.sign) != 0) + 1, [2 * far]])
         after = np.searchsorted(reversal, at)
-        before = np.abs(at - reversal[np.maximum(after - 1, 0)])
-        return np.asarray(np.minimum(before, np.abs(reversal[np.minimum(after, reversal.size - 1)] - at)))
+        return np.asarray(np.minimum(np.minimum(at - reversal[after - 1], reversal[after] - at), far))
 
     def with_empty_caches(self) -> Problem:
         """Return the same data with new caches, for objects that are themselves kept in a cache of this problem.
