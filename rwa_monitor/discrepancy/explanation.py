@@ -100,7 +100,7 @@ def explain(problem: Problem, effects: Effects, progress: Progress, wheel: Wheel
     cage = cage_bursts(jumping.problem, jumping.complete) if jumping.problem.has_noise else None
     if cage is None:
         jumping = _with_formula(approach, jumping, effects, progress)
-    of_line = None if line is None else line.unexplained()  # it was subtracted
+    of_line = None if line is None else line.finding  # it was subtracted
     smooth = _without_jumps(jumping.problem, jumping.complete, effects, progress)
     if smooth is not None:
         return replace(smooth, leftover=combined(smooth.leftover, of_line))

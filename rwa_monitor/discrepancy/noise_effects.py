@@ -63,7 +63,7 @@ def noise_effects(
     """
     views = views_of(problem, model, turns=False)
     found: list[FoundEffect] = []
-    if any(_is_quantised(view) for view in views):
+    if any(_is_quantised(problem, view) for view in views):
         # Rounding errors are not Gaussian and follow the speed: in their presence no other noise can be judged.
         return accepted(problem, {QUANTISED: [fit_noise(problem, view, QUANTISED) for view in views]})
     if in_band:
@@ -141,7 +141,9 @@ def _whitened(problem: Problem, model: Model, views: Sequence[_View]) -> list[_V
     law = law_of(model)
     residual = model.fit.residual + problem.z_measured - problem.z
     innovations = Series.of(problem).whitened(residual * problem.sign, law)[0][0]
-    return [replace(view, residual=values) for view, values in zip(views, on_slots(problem, innovations), strict=True)]
+    return [
+        replace(view, residual=values) for view, values in zip(views, problem.spread(innovations, np.nan), strict=True)
+    ]
 
 
 @dataclass(frozen=True, slots=True)
@@ -155,19 +157,7 @@ class _View:
     residual: FloatArray
     channels: Channels
     good: BoolArray
-    friction_is_derived: bool
     averaged: FloatArray | None = None
-
-    @property
-    def usable(self) -> BoolArray:
-        """Slots that count and have a residual."""
-        return self.good & np.isfinite(self.residual)
-
-
-def on_slots(problem: Problem, joined: FloatArray) -> list[FloatArray]:
-    """Return joined values on the slots of each record, NaN at slots that are not used."""
-    spread = zip(problem.records, problem.spread(joined), strict=True)
-    return [np.where(record.used, values, np.nan) for record, values in spread]
 
 
 def views_of(problem: Problem, model: Model, *, turns: bool = True) -> list[_View]:
@@ -176,7 +166,7 @@ def views_of(problem: Problem, model: Model, *, turns: bool = True) -> list[_Vie
     `turns`: count slots near a change of direction, too. Without, they count only where they are half of all or more:
     outliers that occur only there are friction that no law describes exactly.
     """
-    residuals = on_slots(problem, (model.fit.residual + (problem.z_measured - problem.z)) * problem.sign)
+    residuals = problem.spread((model.fit.residual + (problem.z_measured - problem.z)) * problem.sign, np.nan)
     turning = problem.to_reversal <= REVERSAL_REACH
     turning &= not turns and 2 * np.count_nonzero(turning) < problem.size
     views = []
@@ -191,31 +181,26 @@ def views_of(problem: Problem, model: Model, *, turns: bool = True) -> list[_Vie
         for jump in model.fit.jumps[(model.fit.jumps >= begin) & (model.fit.jumps < end)]:
             at = int(problem.slot[jump])
             good[max(at - AROUND_JUMPS, 0) : at + AROUND_JUMPS] = False
-        averaged: FloatArray | None = None
-        if record.filter_error_Nm is not None:
+        averaged = record.filter_error_Nm
+        if averaged is not None:
             known = np.where(good, residual, np.nan)
-            averaged = record.filter_error_Nm + correlate1d(known, problem.averaging_taps, mode="constant", cval=np.nan)
-        views.append(_View(residual, record.channels, good, record.friction_is_derived, averaged))
+            averaged = averaged + correlate1d(known, problem.averaging_taps, mode="constant", cval=np.nan)
+        views.append(_View(residual, record.channels, good, averaged))
     return views
 
 
-def _is_quantised(view: _View) -> bool:
+def _is_quantised(problem: Problem, view: _View) -> bool:
     """Return whether the residual of a record contains the rounding errors of a tachometer."""
-    if not view.friction_is_derived:
-        return False
-    return NOISE_EFFECTS[QUANTISED].fit(view.residual, view.channels, view.good).penalised_gain >= ACCEPT_GAIN
+    return view.averaged is not None and fit_noise(problem, view, QUANTISED).penalised_gain >= ACCEPT_GAIN
 
 
 def fit_noise(problem: Problem, view: _View, name: str) -> LikelihoodFit:
     """Fit a noise effect to a record's residual, allowing for the autocorrelation that the derivative's filter adds."""
     if name == COLOURED and view.averaged is not None:
         return coloured_beyond_filter(view.averaged, view.good, problem.averaging_taps)
-    if name == HEAVY and view.averaged is not None:
-        return NOISE_EFFECTS[HEAVY].fit(view.averaged, view.channels, view.good)
-    if name == SPEED:
-        inflation = variance_inflation(view.residual, view.good, problem.derivative_taps.size - 1)
-        return SpeedDependentNoise.fit(view.residual, view.channels, view.good, inflation)
-    return NOISE_EFFECTS[name].fit(view.residual, view.channels, view.good)
+    inflation = variance_inflation(view.residual, view.good, problem.derivative_taps.size - 1) if name == SPEED else 1.0
+    residual = view.averaged if name == HEAVY and view.averaged is not None else view.residual
+    return NOISE_EFFECTS[name].fit(residual, view.channels, view.good, inflation)
 
 
 def variance_inflation(residual: FloatArray, good: BoolArray, lags: int) -> float:
@@ -253,7 +238,7 @@ def _speed_with_tails(view: _View) -> LikelihoodFit:
     EM of K. L. Lange, R. J. A. Little, J. M. G. Taylor, JASA 84, 1989).
     """
     effect, tails = NOISE_EFFECTS[SPEED], NOISE_EFFECTS[HEAVY]
-    speed, usable = np.abs(view.channels.speed_rad_s), view.usable
+    speed, usable = np.abs(view.channels.speed_rad_s), view.good & np.isfinite(view.residual)
     count = int(usable.sum())
     if count < MIN_WHITTLE:
         return effect.nothing_found(count)
@@ -424,7 +409,7 @@ class CageBursts:
 
 def cage_bursts(problem: Problem, model: Model) -> CageBursts | None:
     """Return the bursts of a cage that a model's residual contains, or None; enough samples are outside of them."""
-    if any(_is_quantised(view) for view in views_of(problem, model)):
+    if any(_is_quantised(problem, view) for view in views_of(problem, model)):
         return None  # rounding errors come and go with the acceleration
     fits, bursts, bands = [], [], []
     for record, (fitted, on) in zip(problem.records, fit_bursts_of(problem, model), strict=True):
@@ -442,5 +427,5 @@ def cage_bursts(problem: Problem, model: Model) -> CageBursts | None:
 def fit_bursts_of(problem: Problem, model: Model) -> list[tuple[LikelihoodFit, BoolArray]]:
     """Fit bursts to each record's friction less slope and effects: levels stay in, since they may be bursts."""
     remaining = model.fit.level + model.fit.residual + problem.z_measured - problem.z
-    views = zip(on_slots(problem, remaining * problem.sign), views_of(problem, model), strict=True)
+    views = zip(problem.spread(remaining * problem.sign, np.nan), views_of(problem, model), strict=True)
     return [CageInstability.fit_bursts(along, view.channels, view.good) for along, view in views]

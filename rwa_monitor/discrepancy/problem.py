@@ -330,12 +330,17 @@ class Problem:
         used = [np.take(values, self.slot[begin:end], axis=0) for values, begin, end in borders]
         return used[0] if len(used) == 1 else np.concatenate(used)
 
-    def spread(self, joined: FloatArray) -> list[FloatArray]:
-        """Return joined values on each record's slots; unused slots hold the previous used value."""
+    def spread(self, joined: FloatArray, unused: float | None = None) -> list[FloatArray]:
+        """Return joined values on each record's slots; slots that are not used hold `unused`.
+
+        None: they hold the previous used value.
+        """
         out = []
         for record, begin, end in zip(self.records, self.starts[:-1], self.starts[1:], strict=True):
-            values = np.full(record.used.size, np.nan)
-            if end > begin:
+            values = np.full(record.used.size, np.nan if unused is None else unused)
+            if unused is not None:
+                values[record.used] = joined[begin:end]
+            elif end > begin:
                 values = joined[begin:end][np.maximum(np.cumsum(record.used) - 1, 0)]
             out.append(values)
         return out
