@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Final
 
 import numpy as np
@@ -36,8 +36,8 @@ def found_effect(problem: Problem, model: Model, found: Found) -> FoundEffect:
     if issubclass(term.effect, OwnJumps):
         parameters = term.effect.nearest(problem, model, index)
     else:
-        std = spread(problem, model).terms[index]
-        parameters = described(problem, term, model.strengths(index), std, effect_class(found.name).parameters)
+        _, std = spread(problem, model)
+        parameters = described(problem, term, model.strengths(index), std[index], effect_class(found.name).parameters)
     if found.name == TorqueRipple.name:
         parameters[ORDER] = with_other_orders(problem, model, index, parameters[ORDER])
     if term.effect.is_part_of_viscous and not problem.at_one_speed:
@@ -131,8 +131,7 @@ def joined(effects: Sequence[FoundEffect]) -> list[FoundEffect]:
 # single order is reported only where none does; otherwise all orders that fit are listed.
 
 
-WIDTHS: Final = 4.0  # of a spectral line, on each side, that are searched finely
-PER_WIDTH: Final = 4  # orders tried per width of a line
+WIDTHS: Final = 4  # of a spectral line, on each side, that are searched, with as many orders tried in each
 
 
 def with_other_orders(problem: Problem, model: Model, index: int, order: ParameterValue) -> ParameterValue:
@@ -150,12 +149,11 @@ def with_other_orders(problem: Problem, model: Model, index: int, order: Paramet
         return order  # enough turns to distinguish an order from its neighbours
     low, high = shape_limits(problem, TorqueRipple)[ORDER]
     # Where most of the motion stays within a part of a turn, peaks are as narrow as the order's error, not a line.
-    step = reach / PER_WIDTH if order.std is None else min(reach / PER_WIDTH, 0.5 * order.std)
+    step = reach / WIDTHS if order.std is None else min(reach / WIDTHS, 0.5 * order.std)
     near = order.value + np.arange(-WIDTHS * reach, WIDTHS * reach + 0.5 * step, step)
     tried = np.unique(np.concatenate([near, np.arange(1.0, MAX_HARMONIC + 1.0)]))
     tried = tried[(tried >= low) & (tried <= high)]
-    others = tuple(term for i, term in enumerate(model.terms) if i != index)
-    background = Background.of(problem, others, law_of(model), model.fit.jumps)
+    background = _without(problem, model, index)
 
     def deviance(at: float) -> float:
         term = make_term(problem, TorqueRipple, {ORDER: at}, None)
@@ -190,32 +188,21 @@ def _in_words(orders: FloatArray, reach: float) -> str:
 
 ORDER: Final = "harmonic"
 STEP: Final = 1e-3  # of a shape parameter's range, for the derivative
-WIDTH: Final = 2.0  # standard deviations each way: 95 %
 # Rise of -2 log likelihood at the ends of a 95 % interval of a step: 0.95 = (1 - exp(-x/2))² (Y.-C. Yao, Annals of
 # Statistics 15, 1987; D. Siegmund, International Statistical Review 56, 1988).
 STEP_RISE: Final = 7.35
 
 
-@dataclass(frozen=True, slots=True)
-class Spread:
-    """Standard deviations of a model's parameters.
-
-    Attributes
-    ----------
-    viscous
-        Of the viscous coefficient [N m s/rad], its bound disregarded.
-    terms
-        For each term, by parameter name; NaN for a discrete parameter.
-    """
-
-    viscous: float
-    terms: tuple[dict[str, float], ...]
-
-
-def spread(problem: Problem, model: Model) -> Spread:
+def spread(problem: Problem, model: Model) -> tuple[float, list[dict[str, float]]]:
     """Return the standard deviations of the slope and of all strengths and shapes, each with all others free.
 
     Except shapes at a value that physics expects: those are fixed in the standard deviations of all others.
+
+    Returns
+    -------
+    viscous, terms
+        Of the viscous coefficient [N m s/rad], its bound disregarded; for each term, of its parameters by name, without
+        those that are discrete.
     """
     problem = with_noise_of(problem, model.fit.residual)  # the base model's residual still contains the effects
     # The slope counts as free even at its bound: a shape that only this bound determines counts as not determined.
@@ -241,13 +228,8 @@ def spread(problem: Problem, model: Model) -> Spread:
             known[index, term.effect.threshold] = _threshold_std(problem, model, index)
     for owner, slope in at_expected.items():
         known[owner] = float(standard_deviations(problem, model, np.column_stack([*columns, slope]))[-1])
-    return Spread(
-        known[-1, ""],
-        tuple(
-            {parameter.name: known.get((index, parameter.name), float("nan")) for parameter in term.effect.parameters}
-            for index, term in enumerate(model.terms)
-        ),
-    )
+    of_terms = [{name: one for (of, name), one in known.items() if of == index} for index in range(len(model.terms))]
+    return known[-1, ""], of_terms
 
 
 def _threshold_std(problem: Problem, model: Model, index: int) -> float:
@@ -259,8 +241,7 @@ def _threshold_std(problem: Problem, model: Model, index: int) -> float:
     term = model.terms[index]
     name = term.effect.threshold
     low, high = shape_limits(problem, term.effect)[name]
-    others = tuple(other for i, other in enumerate(model.terms) if i != index)
-    background = Background.of(problem, others, law_of(model), model.fit.jumps)
+    background = _without(problem, model, index)
 
     def criterion(at: float) -> float:
         return background.criterion_with(make_term(problem, term.effect, {**term.shape, name: at}, None))
@@ -276,7 +257,13 @@ def _threshold_std(problem: Problem, model: Model, index: int) -> float:
     lower = float(speeds[first - 1]) if first > 0 else 0.0
     upper = float(speeds[min(last, speeds.size - 1)])
     noise = max(record.speed_noise_rad_s for record in problem.records)
-    return float(np.hypot((upper - lower) / (2.0 * WIDTH), noise))
+    return float(np.hypot((upper - lower) / (2.0 * INDISTINGUISHABLE), noise))
+
+
+def _without(problem: Problem, model: Model, index: int) -> Background:
+    """Return a model without one of its terms, its jumps and noise kept."""
+    others = (*model.terms[:index], *model.terms[index + 1 :])
+    return Background.of(problem, others, law_of(model), model.fit.jumps)
 
 
 def described(
@@ -312,10 +299,10 @@ def _shape_value(value: float, std: float, unit: str, limits: tuple[float, float
     if not np.isfinite(std):
         return known if known.note else replace(known, note="not determined by these data")
     if is_logarithmic(low, high):
-        factor = np.exp(min(WIDTH * std / value, 50.0))
+        factor = np.exp(min(INDISTINGUISHABLE * std / value, 50.0))
         interval = value / factor, value * factor
     else:
-        interval = value - WIDTH * std, value + WIDTH * std
+        interval = value - INDISTINGUISHABLE * std, value + INDISTINGUISHABLE * std
     if interval[0] > low and interval[1] < high:
         return ParameterValue(value, std, unit)
     as_well = f"{max(interval[0], low):.3g} to {min(interval[1], high):.3g} fit about as well"

@@ -225,7 +225,7 @@ def strengths(*recordings: Samples, wheel: Wheel = WHEEL) -> Named:
     problem = problem_of(*recordings, wheel=wheel)
     found = search(Fitting(problem, jumps=False), candidates(wheel))
     model = found.nested[-1]
-    errors = spread(problem, model).terms
+    _, errors = spread(problem, model)
     return {
         term.effect.name: (float(model.strengths(i)[0]), errors[i][term.effect.strength_parameters()[0].name])
         for i, term in enumerate(model.terms)

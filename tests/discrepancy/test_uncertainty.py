@@ -43,7 +43,7 @@ def fitted(name: str, seed: int, wave: float = 0.0, **changes: float) -> dict[st
     effect = MEAN_EFFECTS[name]
     fitting = Fitting(problem, jumps=True)
     model = fitting.extensions(fitting.base(), [effect])[0]
-    return described(problem, model.terms[0], model.strengths(0), spread(problem, model).terms[0], effect.parameters)
+    return described(problem, model.terms[0], model.strengths(0), spread(problem, model)[1][0], effect.parameters)
 
 
 @pytest.mark.parametrize("name", TRUTH)
