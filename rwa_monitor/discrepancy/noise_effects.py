@@ -106,25 +106,26 @@ def with_even_noise(problem: Problem, model: Model, found: Sequence[FoundEffect]
 
 def _effects_of_law(problem: Problem, model: Model) -> list[FoundEffect]:
     """Return the noise effects that the law of a model's noise contains, with the gain of each over the law without."""
-    law = law_of(model)
-    found = []
+    law, fits = law_of(model), {}
     if law.correlation > 0.0:
         phi = min(law.correlation, CATALOGUE[COLOURED].parameters[0].high)
         gain = _gain_over(problem, model, replace(law, white=1.0, correlation=0.0))
-        std = float(np.sqrt((1.0 - phi**2) / problem.size))
-        coloured_fit = LikelihoodFit({"ar_coefficient": phi}, {"ar_coefficient": std}, gain, 1, problem.size)
-        found += accepted(problem, {COLOURED: [coloured_fit]})
+        fits[COLOURED] = [_coloured_fit(phi, gain, problem.size)]
     if law.growth > 0.0:
         gain = _gain_over(problem, model, replace(law, growth=0.0))
         std = curvature_std(
             lambda growth: -0.5 * with_law(problem, model, replace(law, growth=growth)).score, law.growth, GROWTH_STEP
         )
-        values = {parameter.name: float(parameter.default or 0.0) for parameter in CATALOGUE[SPEED].parameters}
-        values["strength_s_rad"] = float(np.expm1(law.growth)) / problem.top_speed
+        values = {**SpeedDependentNoise().values, "strength_s_rad": float(np.expm1(law.growth)) / problem.top_speed}
         errors = dict.fromkeys(values, np.nan) | {"strength_s_rad": float(np.exp(law.growth)) / problem.top_speed * std}
-        growth_fit = LikelihoodFit(values, errors, gain, 1, problem.size, OF_BAND)
-        found += accepted(problem, {SPEED: [growth_fit]})
-    return found
+        fits[SPEED] = [LikelihoodFit(values, errors, gain, 1, problem.size, OF_BAND)]
+    return accepted(problem, fits)
+
+
+def _coloured_fit(phi: float, gain: float, count: int) -> LikelihoodFit:
+    """Return the fit of AR(1) noise with a log-likelihood gain over white noise in so many samples."""
+    std = float(np.sqrt((1 - phi**2) / count))
+    return LikelihoodFit({"ar_coefficient": phi}, {"ar_coefficient": std}, gain, 1, count)
 
 
 def _gain_over(problem: Problem, model: Model, plainer: NoiseLaw) -> float:
@@ -265,13 +266,12 @@ def _tail_weight(residual: FloatArray, usable: BoolArray, tails: LikelihoodFit) 
 
 def _without(view: _View, name: str, fit: LikelihoodFit) -> _View:
     """Return the view with a noise effect removed from its residual, as far as its likelihood determines it."""
-    good, values = view.good, fit.values
-    if name == COLOURED:
-        good = good & np.concatenate([[False], good[:-1]])
+    values = fit.values
+    good = view.good & np.append(False, view.good[:-1]) if name == COLOURED else view.good
 
     def remaining(residual: FloatArray) -> FloatArray:
         if name == COLOURED:
-            return residual - values["ar_coefficient"] * np.concatenate([[0.0], residual[:-1]])
+            return residual - values["ar_coefficient"] * np.append(0.0, residual[:-1])
         if name == HEAVY:
             return residual * _tail_weight(residual, view.good & np.isfinite(residual), fit)
         return residual / spread_factor(np.abs(view.channels.speed_rad_s), values) if name == SPEED else residual
@@ -325,22 +325,10 @@ def coloured_beyond_filter(residual: FloatArray, good: BoolArray, taps: FloatArr
 
     start = np.log(np.array([0.5, 0.5, 1e-5, 1e-6, 1e-6]) * scale)
     limits = [(np.log(1e-4 * scale), np.log(10 * scale))] * 2 + [(np.log(1e-9 * scale), np.log(scale))] * 3
-
-    def best(low: float, high: float) -> tuple[float, FloatArray]:
-        begin = np.append(start, 0.5 * (low + high))
-        found = optimize.minimize(loss, begin, bounds=[*limits, (low, high)])
-        return -float(found.fun), found.x
-
-    plain, _ = best(0.0, 0.0)
-    coloured, at_best = best(0.0, 0.99)
-    phi = float(at_best[5])
-    return LikelihoodFit(
-        {"ar_coefficient": phi},
-        {"ar_coefficient": float(np.sqrt((1 - phi**2) / count))},
-        max(coloured - plain, 0.0),
-        1,
-        count,
+    plain, coloured = (
+        optimize.minimize(loss, np.append(start, 0.5 * high), bounds=[*limits, (0.0, high)]) for high in (0.0, 0.99)
     )
+    return _coloured_fit(float(coloured.x[5]), max(float(plain.fun - coloured.fun), 0.0), count)
 
 
 def _expected_periodogram(usable: BoolArray, frequency: FloatArray) -> FloatArray:
@@ -420,8 +408,11 @@ def cage_bursts(problem: Problem, model: Model) -> CageBursts | None:
         bursts.append(binary_dilation(on, iterations=MARGIN) & shown)
         bands.append(inside & shown)
     found = accepted(problem, {CAGE: fits})
-    quiet = sum(np.count_nonzero(record.used & ~on) for record, on in zip(problem.records, bursts, strict=True))
-    return CageBursts(found[0], tuple(bursts), tuple(bands)) if found and quiet >= FEWEST_FOR_JUMPS else None
+    if not found:
+        return None
+    cage = CageBursts(found[0], tuple(bursts), tuple(bands))
+    left = sum(np.count_nonzero(record.used) for record in cage.quiet(problem.records))
+    return cage if left >= FEWEST_FOR_JUMPS else None
 
 
 def fit_bursts_of(problem: Problem, model: Model) -> list[tuple[LikelihoodFit, BoolArray]]:
