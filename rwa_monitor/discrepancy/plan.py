@@ -273,7 +273,7 @@ def _steps(
     ramps = np.clip(np.abs(np.diff(speeds, prepend=speeds[0])) / rate_rad_s2, 1e-3, 0.8 * dwell)
     begins = dwell * np.arange(len(speeds))
     corners = np.stack([begins + ramps, begins + dwell], axis=1)
-    return np.interp(time_s, corners.ravel(), np.repeat(speeds, 2))
+    return np.asarray(np.interp(time_s, corners.ravel(), np.repeat(speeds, 2)))
 
 
 MANOEUVRES: Final = (

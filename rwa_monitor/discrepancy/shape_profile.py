@@ -147,9 +147,8 @@ def _refine(
         "fatol": SETTLED,
         "xatol": np.inf,
     }
-    found: Any = optimize.minimize(
-        lambda u: cost(shaped(u)), start, method="Nelder-Mead", bounds=bounds, options=options
-    )
+    minimize: Any = optimize.minimize
+    found = minimize(lambda u: cost(shaped(u)), start, method="Nelder-Mead", bounds=bounds, options=options)
     better = shaped(found.x)
     return better if cost(better) < cost(best) else best
 
