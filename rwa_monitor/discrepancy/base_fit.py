@@ -127,7 +127,7 @@ def with_noise_of(problem: Problem, residual: FloatArray) -> Problem:
     pieces = [residual[a:b] for a, b in pairwise(problem.starts) if b > a]
     noise, smallest = estimate_noise(pieces), problem.smallest_noise_Nm
     if noise.std < smallest:
-        noise = Noise(smallest, np.append(smallest**2, np.zeros(noise.autocovariance.size - 1)), smallest**2)
+        noise = Noise(smallest, smallest**2)
     return replace(problem, noise=noise)
 
 

@@ -105,7 +105,7 @@ def find_discrepancy(
         scores = (held_out(base, at_base), *scores)
     gain = _gain(problem, at_base, found.nested[-1], scores, [name for name, _ in bench.held_out])
     verdict: Verdict = "inadequate" if effects or explained.leftover is not None else "adequate"
-    if verdict == "adequate" and len(problem.noise.autocovariance) and speed_is_constant(problem):
+    if verdict == "adequate" and speed_is_constant(problem):
         verdict = "untestable"  # no law of the speed is identifiable at constant speed
     result = DiscrepancyResult(verdict, effects, explained.leftover, tuple(lacking.items()), gain)
     taken_out = tuple(effect_class(one.name)(**{key: of.value for key, of in one.parameters.items()}) for one in shown)

@@ -360,12 +360,36 @@ def measured_constants(samples: Samples, wheel: Wheel) -> tuple[MeasuredConstant
     wheel
         Its constants as stated; what it lacks is not compared.
     """
-    found = []
-    for quantity, unit, stated, channel, rows, target in _laws(samples, wheel):
-        known = np.isfinite(rows).all(axis=1) & np.isfinite(target)
+    found: list[MeasuredConstant] = []
+    cuts, speed, current = _segments(len(samples)), samples.speed_rad_s, samples.motor_current_A
+    one, ratio = np.ones(len(samples)), wheel.gear_ratio or 1.0
+
+    def means(*columns: FloatArray) -> FloatArray:
+        sums = np.add.reduceat(np.stack(columns, axis=1), cuts)
+        return np.asarray(sums / np.diff(cuts, append=len(samples))[:, None])
+
+    def add(constant: tuple[Quantity, str, float], channel: str, rows: FloatArray, response: FloatArray) -> None:
+        """Add the constant, the coefficient of the first regressor of the response of a channel, if it is known."""
+        known = np.isfinite(rows).all(axis=1) & np.isfinite(response)
         if np.count_nonzero(known) >= FEWEST_SEGMENTS:
-            shown, std = first_slope(rows[known], target[known])
-            found.append(MeasuredConstant(quantity, unit, stated, channel, shown, std))
+            found.append(MeasuredConstant(*constant, channel, *first_slope(rows[known], response[known])))
+
+    errors = {effect.error_of: next(iter(effect.values.values())) for effect in mean_effects(wheel)}
+    stated = wheel.back_emf_constant_V_s_rad or wheel.torque_constant_Nm_A  # one number in SI units
+    voltage, power, momentum = samples.motor_voltage_V, samples.drive_power_W, samples.body_momentum_Nms
+    if current is not None and stated is not None:
+        of_motor: tuple[Quantity, str, float]
+        of_motor = "torque constant", "N m/A", stated * (1.0 - errors.get("torque constant", 0.0))
+        if voltage is not None:  # V = R·I + K_E·ω + V_0
+            add(of_motor, "motor_voltage_V", means(ratio * speed, current, one), means(voltage)[:, 0])
+        if power is not None:  # P = P_0 + R·I² + K_T·I·ω
+            add(of_motor, "drive_power_W", means(ratio * current * speed, current**2, one), means(power)[:, 0])
+    if momentum is not None and wheel.inertia_kg_m2 is not None:  # Δh = -J·Δω + T·Δt, other torques T drift
+        time = (samples.time_ns - samples.time_ns[0])[cuts] * 1e-9
+        step = np.diff(time)
+        rows = np.stack([np.diff(speed[cuts]), step, step * time[1:]], axis=1)
+        stated = wheel.inertia_kg_m2 + errors.get("inertia", 0.0)
+        add(("inertia", "kg m²", stated), "body_momentum_Nms", rows, -np.diff(momentum[cuts]))
     return tuple(found)
 
 
@@ -382,36 +406,3 @@ def combined(per_record: Iterable[tuple[MeasuredConstant, ...]]) -> tuple[Measur
         shown, std = float(weights @ [one.measured for one in several] / weights.sum()), float(weights.sum() ** -0.5)
         together.append(replace(several[0], measured=shown, std=std))
     return tuple(together)
-
-
-Law = tuple[Quantity, str, float, str, FloatArray, FloatArray]
-
-
-def _laws(samples: Samples, wheel: Wheel) -> Iterator[Law]:
-    """Yield quantity, unit, stated constant, channel, regressors with the constant's column first, and the response."""
-    cuts = _segments(len(samples))
-    if cuts.size < FEWEST_SEGMENTS:
-        return
-    speed, current, ratio = samples.speed_rad_s, samples.motor_current_A, wheel.gear_ratio or 1.0
-
-    def means(*columns: FloatArray) -> FloatArray:
-        sums = np.add.reduceat(np.stack(columns, axis=1), cuts)
-        return np.asarray(sums / np.diff(cuts, append=len(samples))[:, None])
-
-    one, voltage, power = np.ones(len(samples)), samples.motor_voltage_V, samples.drive_power_W
-    known = {effect.error_of: next(iter(effect.values.values())) for effect in mean_effects(wheel)}
-    constant = wheel.back_emf_constant_V_s_rad or wheel.torque_constant_Nm_A  # one number in SI units
-    if current is not None and constant is not None:
-        stated = constant * (1.0 - known.get("torque constant", 0.0))
-        of_motor: tuple[Quantity, str, float] = "torque constant", "N m/A", stated
-        if voltage is not None:  # V = R·I + K_E·ω + V_0
-            yield *of_motor, "motor_voltage_V", means(ratio * speed, current, one), means(voltage)[:, 0]
-        if power is not None:  # P = P_0 + R·I² + K_T·I·ω
-            yield *of_motor, "drive_power_W", means(ratio * current * speed, current**2, one), means(power)[:, 0]
-    momentum = samples.body_momentum_Nms
-    if momentum is not None and wheel.inertia_kg_m2 is not None:  # Δh = -J·Δω + T·Δt, other torques T drift
-        time = (samples.time_ns - samples.time_ns[0])[cuts] * 1e-9
-        step = np.diff(time)
-        rows = np.stack([np.diff(speed[cuts]), step, step * time[1:]], axis=1)
-        stated = wheel.inertia_kg_m2 + known.get("inertia", 0.0)
-        yield "inertia", "kg m²", stated, "body_momentum_Nms", rows, -np.diff(momentum[cuts])

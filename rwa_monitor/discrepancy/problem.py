@@ -38,14 +38,11 @@ class Noise:
     ----------
     std
         Standard deviation of one sample [N m].
-    autocovariance
-        float64 (MAX_LAG + 1,) at lags 0, 1, …; exactly zero beyond the last significant lag [N² m²].
     long_run_variance
         Largest variance of a mean of m samples, times m, over all m up to MAX_LAG [N² m²]; std² for white noise.
     """
 
     std: float
-    autocovariance: FloatArray
     long_run_variance: float
 
 
@@ -54,7 +51,7 @@ def estimate_noise(pieces: Sequence[FloatArray]) -> Noise:
 
     γ comes from medians of absolute differences: a jump affects only h of n of them, and a slow effect changes little
     over a few slots. The sill (γ at the longest lags) is the variance, and sill - γ(h) the autocovariance (Cressie &
-    Hawkins 1980 on robust variograms).
+    Hawkins 1980 on robust variograms); beyond the last significant lag it is set to zero.
 
     Parameters
     ----------
@@ -84,7 +81,7 @@ def estimate_noise(pieces: Sequence[FloatArray]) -> Noise:
     stands_out = np.flatnonzero(np.abs(covariance[: most + 1]) > 4.0 * 1.65 * np.sqrt(2.0 / size) * sill)
     apart = np.diff(stands_out, prepend=0, append=np.inf) > LONGEST_QUIET
     covariance[int(np.append(0, stands_out)[np.argmax(apart)]) + 1 :] = 0.0
-    return Noise(max(float(np.sqrt(sill)), TINY), covariance, max(long_run_variance(covariance), TINY))
+    return Noise(max(float(np.sqrt(sill)), TINY), max(long_run_variance(covariance), TINY))
 
 
 def long_run_variance(covariance: FloatArray) -> float:
