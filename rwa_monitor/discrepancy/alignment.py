@@ -255,8 +255,8 @@ def _impulses(balance: _Balance, reach: int) -> FloatArray:
         noise = std / np.sqrt(2.0) * np.sqrt(slots + slots**2 / (2 * REACH))
         step = accelerating[after].mean() - accelerating[before].mean()
         found.append((np.sum(friction[pulse] - without), step, noise))
-    impulses = np.array(found, dtype=np.float64).reshape(-1, 3).T
-    return impulses[:, np.isfinite(impulses[:2]).all(axis=0)]
+    impulses = np.array(found, dtype=np.float64).reshape(-1, 3)
+    return np.ascontiguousarray(impulses[np.isfinite(impulses[:, :2]).all(axis=1)].T)
 
 
 def _roughness(balance: _Balance, halves: IntArray) -> tuple[FloatArray, float]:

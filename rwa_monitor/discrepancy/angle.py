@@ -16,7 +16,7 @@ from scipy import fft, optimize
 
 from rwa_monitor.discrepancy.base_fit import Fit
 from rwa_monitor.discrepancy.likelihood import ACCEPT_GAIN
-from rwa_monitor.discrepancy.problem import Problem
+from rwa_monitor.discrepancy.problem import Problem, rms
 from rwa_monitor.discrepancy.record import Record
 from rwa_monitor.messages import Unexplained
 from rwa_monitor.samples import TINY, FloatArray
@@ -99,9 +99,7 @@ def angle_line(problem: Problem, base: Fit) -> AngleLine | float | None:
         f"a drag that is periodic in the wheel's angle at order {order:.{digits}f} ± {std:.1g} of its turns (no whole"
         " number: the cage, or balls that pass)"
     )
-    return AngleLine(
-        torque, Unexplained(signature=signature, size_Nm=float(np.sqrt(np.mean(torque[problem.slot] ** 2))))
-    )
+    return AngleLine(torque, Unexplained(signature=signature, size_Nm=rms(torque[problem.slot])))
 
 
 def ripple_with(order: float) -> type[TorqueRipple]:

@@ -18,7 +18,7 @@ from rwa_monitor.discrepancy.base_fit import remove_levels, segment_starts
 from rwa_monitor.discrepancy.found_effects import spread
 from rwa_monitor.discrepancy.own_jumps import OwnJumps
 from rwa_monitor.discrepancy.plausible import ImpliedValue, ask_speed_unit
-from rwa_monitor.discrepancy.problem import Problem
+from rwa_monitor.discrepancy.problem import Problem, rms
 from rwa_monitor.discrepancy.record import temperature_range
 from rwa_monitor.discrepancy.result import Search, simulated_gain
 from rwa_monitor.discrepancy.terms import Model
@@ -257,4 +257,4 @@ def _rmse(search: Search, wheel: Wheel, law: BaseLaw, dry_Nm: float | None = Non
     if added.effect:  # jumps of these records are fitted, as levels are: a wheel file has their law, not their times
         rest = rest - search.extended.of_own_jumps(problem.size)
     inner = remove_levels(rest, segment_starts(problem, search.extended.fit.jumps)) if dry_Nm is None else rest - dry_Nm
-    return float(np.sqrt(np.mean(inner**2)))
+    return rms(inner)

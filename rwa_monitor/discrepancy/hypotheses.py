@@ -12,7 +12,7 @@ from scipy.signal import savgol_filter
 
 from rwa_monitor.discrepancy.jump_terms import JUMP_TERMS, DelayTerm
 from rwa_monitor.discrepancy.likelihood import Series, least_gain
-from rwa_monitor.discrepancy.problem import Problem
+from rwa_monitor.discrepancy.problem import Problem, rms
 from rwa_monitor.discrepancy.result import FoundEffect
 from rwa_monitor.discrepancy.score import Background
 from rwa_monitor.discrepancy.shape_profile import middle_shape, shape_limits
@@ -277,7 +277,7 @@ def detectable_strengths(problem: Problem, model: Model, effects: Sequence[type[
     beside = Background.of(problem, model.terms, law_of(model), model.fit.jumps)
     without = beside.equations_with()
     variance = without.memory * without.rss(without.solve()[0]) / without.samples
-    friction = float(np.sqrt(np.mean(problem.z**2)))
+    friction = rms(problem.z)
     found = []
     for effect in effects:
         if effect.name in model.names or available(problem, effect) is not None:
@@ -290,7 +290,7 @@ def detectable_strengths(problem: Problem, model: Model, effects: Sequence[type[
         asked = least_gain(problem, len(model.terms)) + term.parameters * problem.log_size
         visible = energy > VISIBLE * float(gram[known, known])
         strength = float(np.sqrt(asked * variance / energy)) if visible else float("nan")
-        share = strength * float(np.sqrt(np.mean(column**2))) / friction
+        share = strength * rms(column) / friction
         beyond = not visible or strength > max(float(term.high[0]), -float(term.low[0]))
         parameter = effect.strength_parameters()[0]
         # A column that follows the level scales with friction itself: there its bounds alone say what is likely.

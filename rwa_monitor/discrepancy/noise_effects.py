@@ -171,15 +171,13 @@ def views_of(problem: Problem, model: Model, *, turns: bool = True) -> list[_Vie
     turning = problem.to_reversal <= REVERSAL_REACH
     turning &= not turns and 2 * np.count_nonzero(turning) < problem.size
     views = []
-    for record, residual, begin, end in zip(
-        problem.records, residuals, problem.starts[:-1], problem.starts[1:], strict=True
-    ):
+    for record, residual, part in zip(problem.records, residuals, problem.parts, strict=True):
         good = record.used if record.corrected is None else record.used & ~record.corrected
         # A few far outliers are sojourns too short to be segmented; many are heavy tails.
         outlier = good & (np.abs(np.nan_to_num(residual)) > OUTLIER_AT * problem.noise.std)
         good = good & ~outlier if np.count_nonzero(outlier) <= FEW_OUTLIERS else good.copy()
-        good[problem.slot[begin:end][turning[begin:end]]] = False
-        for jump in model.fit.jumps[(model.fit.jumps >= begin) & (model.fit.jumps < end)]:
+        good[problem.slot[part][turning[part]]] = False
+        for jump in model.fit.jumps[(model.fit.jumps >= part.start) & (model.fit.jumps < part.stop)]:
             at = int(problem.slot[jump])
             good[max(at - AROUND_JUMPS, 0) : at + AROUND_JUMPS] = False
         averaged = record.filter_error_Nm

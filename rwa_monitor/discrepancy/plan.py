@@ -16,7 +16,7 @@ from scipy.ndimage import uniform_filter1d
 
 from rwa_monitor.discrepancy.hypotheses import CANDIDATES, not_testable
 from rwa_monitor.discrepancy.likelihood import ACCEPT_GAIN, NO_JUMPS, NoiseLaw
-from rwa_monitor.discrepancy.problem import Problem
+from rwa_monitor.discrepancy.problem import Problem, rms
 from rwa_monitor.discrepancy.record import Record
 from rwa_monitor.discrepancy.result import Search
 from rwa_monitor.discrepancy.score import Background
@@ -152,15 +152,15 @@ def rank_for_untested(problem: Problem, model: Model, untested: Sequence[str], w
     Each effect at UNTESTED_SHARE of all friction, its shape in the middle of what the manoeuvre can identify. The
     separation is the least among the effects that are identifiable.
     """
-    size = UNTESTED_SHARE * float(np.sqrt(np.mean(problem.z**2)))
+    size = UNTESTED_SHARE * rms(problem.z)
     planned = []
     for manoeuvre, laid_out, level in _as_problems(problem, model, wheel):
         shown = []
         for name in untested:
             effect = MEAN_EFFECTS[name]
             column = make_term(laid_out, effect, middle_shape(laid_out, effect), level).columns[:, 0]
-            rms = float(np.sqrt(np.mean(column**2)))
-            worth = _separation(laid_out, column * (size / rms), "", level) if rms > 0 else 0.0
+            of_column = rms(column)
+            worth = _separation(laid_out, column * (size / of_column), "", level) if of_column > 0 else 0.0
             if worth > DECIDES:
                 shown.append((worth, name))
         if shown:

@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Hashable, Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from itertools import pairwise
 from operator import is_
 from typing import Any, Final, Protocol, TypeVar, cast
 
@@ -89,6 +90,11 @@ def long_run_variance(covariance: FloatArray) -> float:
     h = np.arange(1, covariance.size)
     means = range(1, 4 * max(covariance.size - 1, 1))
     return max(float(covariance[0] + 2 * np.sum(np.clip(1 - h / m, 0, None) * covariance[1:])) for m in means)
+
+
+def rms(values: FloatArray) -> float:
+    """Return the root mean square."""
+    return float(np.sqrt(np.mean(values**2)))
 
 
 def clip_outliers(values: FloatArray, std: float) -> tuple[FloatArray, BoolArray]:
@@ -236,6 +242,11 @@ class Problem:
     lowest_viscous: float = -np.inf
 
     @cached_property
+    def parts(self) -> list[slice]:
+        """The joined samples of each record."""
+        return [slice(begin, end) for begin, end in pairwise(self.starts.tolist())]
+
+    @cached_property
     def top_speed(self) -> float:
         """The largest speed [rad/s]."""
         return float(self.speed.max(initial=0.0))
@@ -309,7 +320,7 @@ class Problem:
     @property
     def smallest_noise_Nm(self) -> float:
         """Return the standard deviation below which noise is rounding of the table [N m]."""
-        return ROUNDING * float(np.sqrt(np.mean(self.z_measured**2)))
+        return ROUNDING * rms(self.z_measured)
 
     @property
     def has_noise(self) -> bool:
@@ -323,8 +334,7 @@ class Problem:
 
     def gather(self, per_record: Sequence[FloatArray]) -> FloatArray:
         """Take the used slots of arrays over the slots of each record, and join them."""
-        borders = zip(per_record, self.starts[:-1], self.starts[1:], strict=True)
-        used = [np.take(values, self.slot[begin:end], axis=0) for values, begin, end in borders]
+        used = [np.take(values, self.slot[part], axis=0) for values, part in zip(per_record, self.parts, strict=True)]
         return used[0] if len(used) == 1 else np.concatenate(used)
 
     def spread(self, joined: FloatArray, unused: float | None = None) -> list[FloatArray]:
@@ -333,11 +343,11 @@ class Problem:
         None: they hold the previous used value.
         """
         out = []
-        for record, begin, end in zip(self.records, self.starts[:-1], self.starts[1:], strict=True):
+        for record, part in zip(self.records, self.parts, strict=True):
             values = np.full(record.used.size, np.nan if unused is None else unused)
             if unused is not None:
-                values[record.used] = joined[begin:end]
-            elif end > begin:
-                values = joined[begin:end][np.maximum(np.cumsum(record.used) - 1, 0)]
+                values[record.used] = joined[part]
+            elif record.used.any():
+                values = joined[part][np.maximum(np.cumsum(record.used) - 1, 0)]
             out.append(values)
         return out
