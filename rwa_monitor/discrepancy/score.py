@@ -26,7 +26,7 @@ from rwa_monitor.discrepancy.base_fit import (
     segment_starts,
 )
 from rwa_monitor.discrepancy.likelihood import NO_JUMPS, Equations, NoiseLaw, Series, Whitening, fit_noise
-from rwa_monitor.discrepancy.problem import MAX_LAG, Problem, rms
+from rwa_monitor.discrepancy.problem import MAX_LAG, Problem
 from rwa_monitor.discrepancy.terms import Model, Term, depends_on_level, law_of, make_term
 from rwa_monitor.samples import TINY, FloatArray, IntArray
 
@@ -436,4 +436,4 @@ def _score_of(
     np.subtract.at(density, jumps, 0.5 * JUMP_PENALTY * problem.log_size)
     first = _first_of(blocks, series.size)
     of_block = np.add.reduceat(density, first) / np.diff(first, append=series.size)
-    return HeldOut(rms(residual), float(np.mean(density)), of_block)
+    return HeldOut(float(np.sqrt(np.mean(residual**2))), float(np.mean(density)), of_block)
