@@ -241,22 +241,21 @@ def lost_without_motor(effects: Sequence[type[MeanEffect]], wheel: Wheel, channe
     channels
         Channels of a record; an effect that vanishes there without acceleration is only scaled by the inertia.
     """
-    reasons = ((effect.name, _why_unidentifiable(effect, wheel, channels)) for effect in effects)
-    return {name: why for name, why in reasons if why is not None}
+    steady = replace(channels, acceleration_rad_s2=np.zeros(len(channels)))
 
+    def why(effect: type[MeanEffect]) -> str | None:
+        if wheel.pulses_per_turn is not None and issubclass(effect, TorqueRipple):
+            return MEAN_OF_A_TURN
+        if not wheel.friction.motor_off:
+            return None
+        if "motor_torque_Nm" in effect.needs:
+            return NO_TORQUE
+        shape = {parameter.name: parameter.typical for parameter in effect.shape_parameters()}
+        there, gone = (np.nan_to_num(effect.columns(one, shape)[0]).any() for one in (channels, steady))
+        return SCALED_ONLY if there and not gone else None
 
-def _why_unidentifiable(effect: type[MeanEffect], wheel: Wheel, moving: Channels) -> str | None:
-    """Return why an effect is not identifiable: averaged over each turn, or zero without motor or acceleration."""
-    if wheel.pulses_per_turn is not None and issubclass(effect, TorqueRipple):
-        return MEAN_OF_A_TURN
-    if not wheel.friction.motor_off:
-        return None
-    if "motor_torque_Nm" in effect.needs:
-        return NO_TORQUE
-    shape = {parameter.name: parameter.typical for parameter in effect.shape_parameters()}
-    steady = replace(moving, acceleration_rad_s2=np.zeros(len(moving)))
-    there, gone = (np.nan_to_num(effect.columns(channels, shape)[0]) for channels in (moving, steady))
-    return SCALED_ONLY if there.any() and not gone.any() else None
+    reasons = ((effect.name, why(effect)) for effect in effects)
+    return {name: reason for name, reason in reasons if reason is not None}
 
 
 def _steps_s(samples: Samples) -> FloatArray:

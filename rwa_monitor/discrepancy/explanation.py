@@ -204,10 +204,9 @@ def _with_nearest(approach: Fitting, explained: Explained, known: Sequence[Model
     if best is None or left is None:
         return left
     simpler = approach.without(best, len(last.terms))  # the gain may come from its jumps
-    if simpler.score - best.score < least_gain(approach.problem, len(last.terms)):
-        return left
+    gain = simpler.score - best.score
     share = (simpler.fit.rss - best.fit.rss) / (simpler.fit.rss - explained.complete.fit.rss)
-    if share < LEAST_NAMED_SHARE:
+    if gain < least_gain(approach.problem, len(last.terms)) or share < LEAST_NAMED_SHARE:
         return left
     return left.model_copy(update={"nearest": NearestEffect(effect=best.names[-1], share=share)})
 
