@@ -21,7 +21,7 @@ from rwa_monitor.discrepancy.score import Background, standard_deviations
 from rwa_monitor.discrepancy.shape_profile import FEW_CHOICES, is_logarithmic, reach_between, shape_limits
 from rwa_monitor.discrepancy.terms import Found, Model, Term, law_of, make_term
 from rwa_monitor.samples import FloatArray
-from rwa_monitor.wheel.effects.base import Effect, Family, Parameter
+from rwa_monitor.wheel.effects.base import Effect, Family
 from rwa_monitor.wheel.effects.catalogue import CATALOGUE, effect_class
 from rwa_monitor.wheel.effects.formula import BLOCK, Formula
 from rwa_monitor.wheel.effects.tachometer import SpeedDeadZone
@@ -36,8 +36,7 @@ def found_effect(problem: Problem, model: Model, found: Found) -> FoundEffect:
     if issubclass(term.effect, OwnJumps):
         parameters = term.effect.nearest(problem, model, index)
     else:
-        _, std = spread(problem, model)
-        parameters = described(problem, term, model.strengths(index), std[index], effect_class(found.name).parameters)
+        parameters = described(problem, model, index)
     if found.name == TorqueRipple.name:
         parameters[ORDER] = with_other_orders(problem, model, index, parameters[ORDER])
     if term.effect.is_part_of_viscous and not problem.at_one_speed:
@@ -266,15 +265,14 @@ def _without(problem: Problem, model: Model, index: int) -> Background:
     return Background.of(problem, others, law_of(model), model.fit.jumps)
 
 
-def described(
-    problem: Problem, term: Term, strengths: FloatArray, std: dict[str, float], parameters: tuple[Parameter, ...]
-) -> dict[str, ParameterValue]:
-    """Return the parameters of a fitted term by name, in the given order, those not determined marked as such."""
+def described(problem: Problem, model: Model, index: int) -> dict[str, ParameterValue]:
+    """Return the parameters of a fitted term by name, in the effect's order, those not determined marked as such."""
+    term, strengths, std = model.terms[index], model.strengths(index), spread(problem, model)[1][index]
     limits = shape_limits(problem, term.effect)
     names = [parameter.name for parameter in term.effect.strength_parameters()]
     fitted = dict(zip(names, zip(strengths.tolist(), term.low.tolist(), term.high.tolist(), strict=True), strict=True))
     values = {}
-    for parameter in parameters:
+    for parameter in effect_class(term.effect.name).parameters:
         name, error = parameter.name, std.get(parameter.name, float("nan"))
         if parameter.default is not None and parameter.choices == (term.shape.get(name),):
             continue  # fixed at its only choice, not fitted

@@ -305,20 +305,13 @@ def detectable_strengths(problem: Problem, model: Model, effects: Sequence[type[
     return found
 
 
-def not_testable(
-    problem: Problem, effects: Sequence[type[MeanEffect]], untested: Sequence[tuple[str, str]]
-) -> set[str]:
+def not_testable(problem: Problem, untested: Sequence[tuple[str, str]]) -> set[str]:
     """Return the untested effects that lack a channel or a part of the wheel file: no motion makes them observable.
 
     The others lack a motion, or jumps: these data do not excite them.
     """
-    by_name = {effect.name: effect for effect in effects}
-    return {
-        name
-        for name, missing in untested
-        if (name in by_name and available(problem, by_name[name]) is not None)
-        or missing in (FRICTION_NOT_DERIVED, NO_SYSTEMS)
-    }
+    lacking = {effect.name for effect in CANDIDATES if available(problem, effect) is not None}
+    return {name for name, missing in untested if name in lacking or missing in (FRICTION_NOT_DERIVED, NO_SYSTEMS)}
 
 
 def as_clause(sentence: str) -> str:

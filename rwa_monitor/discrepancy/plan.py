@@ -14,7 +14,7 @@ from typing import Final, Self
 import numpy as np
 from scipy.ndimage import uniform_filter1d
 
-from rwa_monitor.discrepancy.hypotheses import CANDIDATES, not_testable
+from rwa_monitor.discrepancy.hypotheses import not_testable
 from rwa_monitor.discrepancy.likelihood import ACCEPT_GAIN, NO_JUMPS, NoiseLaw
 from rwa_monitor.discrepancy.problem import Problem, rms
 from rwa_monitor.discrepancy.record import Record
@@ -102,24 +102,20 @@ class Manoeuvre:
     jump_at: float | None = None
 
 
-def rank_manoeuvres(
-    problem: Problem, model: Model, alternatives: Sequence[str], wheel: Wheel
-) -> list[PlannedManoeuvre]:
+def rank_manoeuvres(search: Search, alternatives: Sequence[str]) -> list[PlannedManoeuvre]:
     """Rank the library's manoeuvres by how well they separate the leading causes, best first.
 
     Parameters
     ----------
-    problem, model
-        The data and the extended model: give noise, sizes and the speed range.
+    search
+        A finished search: gives noise, sizes, sample period and the speed range.
     alternatives
         Names of the leading mean effects: those found and their equivalents. One alone is compared with the base
         model: how surely the manoeuvre would confirm it.
-    wheel
-        For sample period and limits.
     """
     worth = [
-        (manoeuvre, _separations(problem, model, laid_out, level, alternatives))
-        for manoeuvre, laid_out, level in _as_problems(problem, model, wheel)
+        (manoeuvre, _separations(search, laid_out, level, alternatives))
+        for manoeuvre, laid_out, level in _as_problems(search)
     ]
     # Pairs that no manoeuvre separates, as these channels cannot distinguish them, do not count in the ranking.
     separable = {pair for _, of_pairs in worth for pair, nats in of_pairs.items() if nats >= UNINFORMATIVE}
@@ -132,10 +128,10 @@ def rank_manoeuvres(
 
 
 def _separations(
-    problem: Problem, model: Model, laid_out: Problem, level: FloatArray, alternatives: Sequence[str]
+    search: Search, laid_out: Problem, level: FloatArray, alternatives: Sequence[str]
 ) -> dict[Pair, float]:
     """Return the separation of each pair of causes, the smaller of both ways, or of one cause from none [nats]."""
-    torques = {cause: _expected_torque(problem, model, laid_out, cause, level) for cause in alternatives}
+    torques = {cause: _expected_torque(search, laid_out, cause, level) for cause in alternatives}
     separations: dict[Pair, float] = {}
     for cause, torque in torques.items():
         for other in torques if len(torques) > 1 else ("",):
@@ -146,15 +142,15 @@ def _separations(
     return separations
 
 
-def rank_for_untested(problem: Problem, model: Model, untested: Sequence[str], wheel: Wheel) -> list[PlannedManoeuvre]:
+def rank_for_untested(search: Search, untested: Sequence[str]) -> list[PlannedManoeuvre]:
     """Return the manoeuvres that would make effects identifiable that the records could not test.
 
     Each effect at UNTESTED_SHARE of all friction, its shape in the middle of what the manoeuvre can identify. The
     separation is the least among the effects that are identifiable.
     """
-    size = UNTESTED_SHARE * rms(problem.z)
+    size = UNTESTED_SHARE * rms(search.problem.z)
     planned = []
-    for manoeuvre, laid_out, level in _as_problems(problem, model, wheel):
+    for manoeuvre, laid_out, level in _as_problems(search):
         shown = []
         for name in untested:
             effect = MEAN_EFFECTS[name]
@@ -170,13 +166,13 @@ def rank_for_untested(problem: Problem, model: Model, untested: Sequence[str], w
     return planned
 
 
-def _as_problems(problem: Problem, model: Model, wheel: Wheel) -> Iterator[tuple[Manoeuvre, Problem, FloatArray]]:
+def _as_problems(search: Search) -> Iterator[tuple[Manoeuvre, Problem, FloatArray]]:
     """Yield each manoeuvre, as a problem, with its dry level, float64 (n,) [N m]; none that awaits a jump in vain."""
-    top, jump = float(problem.speed.max()), _typical_jump(model, wheel)
+    model, jump = search.extended, _typical_jump(search.extended, search.wheel)
     for manoeuvre in MANOEUVRES:
         if manoeuvre.jump_at is not None and jump == 0:
             continue  # neither records nor wheel file have jumps
-        laid_out = _as_problem(problem, manoeuvre, top, wheel)
+        laid_out = _as_problem(search.problem, manoeuvre, search.wheel)
         level = np.full(laid_out.size, float(np.median(model.fit.level)))
         if manoeuvre.jump_at is not None:
             level[int(manoeuvre.jump_at * laid_out.size) :] += jump
@@ -204,14 +200,12 @@ def _noiseless(problem: Problem, z: FloatArray, jumps: IntArray = NO_JUMPS) -> B
     return Background.of(replace(problem, z=z + drag), (), NoiseLaw(), jumps)
 
 
-def _expected_torque(
-    problem: Problem, model: Model, laid_out: Problem, cause: str, level: FloatArray
-) -> FloatArray | None:
+def _expected_torque(search: Search, laid_out: Problem, cause: str, level: FloatArray) -> FloatArray | None:
     """Return s·torque of a cause in the manoeuvre, as strong as found, or as needed to imitate the strongest effect.
 
     None where the cause cannot imitate that effect.
     """
-    effect = MEAN_EFFECTS[cause]
+    problem, model, effect = search.problem, search.extended, MEAN_EFFECTS[cause]
     if cause in model.names:
         index = model.names.index(cause)
         return make_term(laid_out, effect, model.terms[index].shape, level).columns @ model.strengths(index)
@@ -227,11 +221,11 @@ def _expected_torque(
     return torque
 
 
-def _as_problem(problem: Problem, manoeuvre: Manoeuvre, top: float, wheel: Wheel) -> Problem:
+def _as_problem(problem: Problem, manoeuvre: Manoeuvre, wheel: Wheel) -> Problem:
     """Return the manoeuvre as a search problem: noise-free motion, zero friction, and the noise model of the record."""
     period = max(wheel.sample_period_s, manoeuvre.duration_s / MAX_SLOTS)
     time_s = np.arange(0.0, manoeuvre.duration_s, period)
-    speed = uniform_filter1d(manoeuvre.speed(time_s, top), max(int(RAMP_S / period), 1))
+    speed = uniform_filter1d(manoeuvre.speed(time_s, problem.top_speed), max(int(RAMP_S / period), 1))
     acceleration, direction = np.gradient(speed, period), np.sign(speed)
     drag = float(np.median(np.abs(problem.z)))
     torque = (wheel.inertia_kg_m2 or 0.0) * acceleration + direction * drag
@@ -393,7 +387,7 @@ def plan(search: Search) -> Plan:
     uncertain = [[effect.name] for effect in mean if effect.delta_deviance < CERTAIN]
     if sets or uncertain:
         causes = (sets or uncertain)[0]
-        manoeuvres = _worth_flying(rank_manoeuvres(search.problem, search.extended, causes, search.wheel))
+        manoeuvres = _worth_flying(rank_manoeuvres(search, causes))
         question = f"separate {' from '.join(causes)}" if sets else f"confirm {causes[0]}"
         if max((entry.separation for entry in manoeuvres), default=0.0) < DECIDES:
             would = dict.fromkeys(CATALOGUE[name].separate_by for name in causes)
@@ -402,13 +396,13 @@ def plan(search: Search) -> Plan:
         if manoeuvres or sets:
             return Plan(question, manoeuvres, advice)
     # No manoeuvre replaces a channel that is not recorded.
-    channels = not_testable(search.problem, CANDIDATES, search.result.untested)
+    channels = not_testable(search.problem, search.result.untested)
     missing = {name: what for name, what in search.result.untested if name in MEAN_EFFECTS}
     untested = [name for name in missing if name not in channels]
     for channel in dict.fromkeys(what for name, what in missing.items() if name in channels):
         shown = ", ".join(name for name in missing if name in channels and missing[name] == channel)
         advice.append(f"no manoeuvre shows {shown} without {channel}")
-    manoeuvres = _worth_flying(rank_for_untested(search.problem, search.extended, untested, search.wheel))
+    manoeuvres = _worth_flying(rank_for_untested(search, untested))
     if untested and not manoeuvres:
         advice.append("no manoeuvre of the library would show what these data could not test")
     if not manoeuvres and not advice:

@@ -52,7 +52,7 @@ def test_what_was_tested_is_distinguished_from_what_was_not_excited_and_what_is_
     assert found.result.verdict == "untestable"
     assert "needs motion" in sentence(found.result)
     untested = found.result.untested
-    beyond = not_testable(found.problem, CANDIDATES, untested)
+    beyond = not_testable(found.problem, untested)
     seen = {entry.name for entry in absent_effects(found)}
     assert "run_in_drift" in seen
     assert not seen & dict(untested).keys()
