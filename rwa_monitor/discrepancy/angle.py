@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import fft, optimize
 
-from rwa_monitor.discrepancy.base_fit import Fit
+from rwa_monitor.discrepancy.base_fit import Fit, fit
 from rwa_monitor.discrepancy.likelihood import ACCEPT_GAIN
 from rwa_monitor.discrepancy.problem import Problem, rms
 from rwa_monitor.discrepancy.record import Record
@@ -52,7 +52,7 @@ class AngleLine(NamedTuple):
     finding: Unexplained
 
 
-def angle_line(problem: Problem, base: Fit) -> AngleLine | float | None:
+def angle_line(problem: Problem) -> AngleLine | float | None:
     """Return the line in the residual of the base model over the angle; None where there is none.
 
     If the torque does not change sign with the direction, only its order is returned, as a candidate for a ripple. The
@@ -66,7 +66,8 @@ def angle_line(problem: Problem, base: Fit) -> AngleLine | float | None:
     turns = angle_turned(problem.records[0].undrifted)[0] / (2.0 * np.pi)
     at = turns[problem.slot]
     whole = float(np.ptp(at))
-    of_drag, of_ripple = base.residual, base.residual * problem.sign
+    of_drag = fit(problem).residual
+    of_ripple = of_drag * problem.sign
     if whole < MANY_TURNS:
         above, tried = _spectrum(at, of_ripple, whole) if whole > 0.0 else (at[:0], at[:0])
         return float(tried[np.argmax(above)]) if above.size else None
@@ -76,7 +77,9 @@ def angle_line(problem: Problem, base: Fit) -> AngleLine | float | None:
     peak, values = (drag, of_drag) if flips else (ripple, of_ripple)
     if peak is None:
         return None
-    order = _refined_order(values, at, peak[1], whole)
+    limits = peak[1] - 0.5 / whole, peak[1] + 0.5 / whole
+    best = optimize.minimize_scalar(lambda h: -abs(_fourier_sum(values, at, h)), bounds=limits, method="bounded")
+    order = float(best.x)
     amplitude = 2.0 * abs(_fourier_sum(values, at, order)) / at.size
     gain = 0.5 * at.size * amplitude**2 / problem.noise.long_run_variance
     # Changes of direction cause sidebands of a ripple of integer order, which change sign with the direction.
@@ -151,13 +154,6 @@ def _spectrum(at: FloatArray, values: FloatArray, whole: float) -> tuple[FloatAr
     # The median of an exponential distribution is log 2 times its mean.
     around = np.interp(np.arange(power.size), middle, np.median(blocks, axis=1) / np.log(2.0))
     return power / np.maximum(around, TINY), order
-
-
-def _refined_order(values: FloatArray, at: FloatArray, order: float, whole: float) -> float:
-    """Return the order of maximum power within half the resolution on either side."""
-    limits = (order - 0.5 / whole, order + 0.5 / whole)
-    found = optimize.minimize_scalar(lambda h: -abs(_fourier_sum(values, at, h)), bounds=limits, method="bounded")
-    return float(found.x)
 
 
 def _at_all_speeds(problem: Problem, values: FloatArray, at: FloatArray, order: float) -> bool:

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections import defaultdict
 from collections.abc import Callable, Sequence
-from functools import partial
 from typing import Any, Final
 
 import numpy as np
@@ -53,18 +52,18 @@ def diagnosis_gain(search: Search, diagnose: Diagnose) -> DiagnosisGain | None:
     speed = SpeedProfile(kind="rich" if crosses else "one_direction")
     statuses = [name for anomaly in wheel.anomalies for name in ("nominal", anomaly)]
     tries = [(statuses[i % len(statuses)], SEED + i) for i in range(WINDOWS)]
-    diagnosed = partial(_diagnosed, wheel, extended_wheel(search), speed, diagnose)
+    extended = extended_wheel(search)
+
+    def diagnosed(one: tuple[str, int]) -> Counts:
+        """Simulate a window with the effects in it and return the counts without and with them known, int64 (2, 5)."""
+        status, seed = one
+        anomalies = {} if status == "nominal" else {status: Anomaly(factor=FACTORS[status])}
+        scenario = Scenario(duration_s=wheel.window_s, speed=speed, anomalies=anomalies)
+        made = simulate(scenario, extended, np.random.default_rng(seed))
+        return np.array([_count(made, diagnose(made.samples, used), used, status) for used in (wheel, extended)])
+
     before, after = np.sum(search.problem.each(diagnosed, tries), axis=0)
     return DiagnosisGain(before=_rates(before), after=_rates(after))
-
-
-def _diagnosed(wheel: Wheel, extended: Wheel, speed: SpeedProfile, diagnose: Diagnose, one: tuple[str, int]) -> Counts:
-    """Simulate one window with the effects in it and return the counts without and with them known, int64 (2, 5)."""
-    status, seed = one
-    anomalies = {} if status == "nominal" else {status: Anomaly(factor=FACTORS[status])}
-    scenario = Scenario(duration_s=wheel.window_s, speed=speed, anomalies=anomalies)
-    telemetry = simulate(scenario, extended, np.random.default_rng(seed))
-    return np.array([_count(telemetry, diagnose(telemetry.samples, used), used, status) for used in (wheel, extended)])
 
 
 def _count(telemetry: Telemetry, diagnosis: Diagnosis, wheel: Wheel, status: str) -> Counts:

@@ -159,7 +159,7 @@ def _treat_angle_line(
     problem, candidates, subtracted
         What was subtracted from the data, or None.
     """
-    line = angle_line(problem, fit(problem)) if problem.has_noise else None
+    line = angle_line(problem) if problem.has_noise else None
     if line is None:
         return problem, candidates, None
     if isinstance(line, AngleLine):

@@ -212,12 +212,11 @@ def spread(problem: Problem, model: Model) -> tuple[float, list[dict[str, float]
         for j, parameter in enumerate(term.effect.strength_parameters()):
             columns.append(term.columns[:, j])
             owners.append((index, parameter.name))
-        strengths = model.strengths(index)
         for name, limits in _limits(problem, term).items():
-            slope = _derivative(problem, model, term, name, strengths, limits)
-            if slope is not None and name in _at_expected_value(term):
+            slope = _derivative(problem, model, index, name, limits)
+            if name in _at_expected_value(term):
                 at_expected[index, name] = slope
-            elif slope is not None:
+            else:
                 columns.append(slope)
                 owners.append((index, name))
     std = standard_deviations(problem, model, np.column_stack(columns))
@@ -310,10 +309,11 @@ def _shape_value(value: float, std: float, unit: str, limits: tuple[float, float
 def _limits(problem: Problem, term: Term) -> dict[str, tuple[float, float]]:
     """Return the range in which the records can identify each shape parameter; of an order, that of its peak.
 
-    A parameter of which only choices are tried has no range.
+    Without those that have no range, as where only choices are tried.
     """
     limits = shape_limits(problem, term.effect)
-    identifiable = {p.name: limits[p.name] for p in term.effect.shape_parameters() if p.between or not p.choices}
+    continuous = {p.name for p in term.effect.shape_parameters() if p.between or not p.choices}
+    identifiable = {name: (low, high) for name, (low, high) in limits.items() if name in continuous and low < high}
     if issubclass(term.effect, TorqueRipple):
         half = 0.5 / max(angle_range_turns(record.undrifted) for record in problem.records)
         identifiable[ORDER] = term.shape[ORDER] - half, term.shape[ORDER] + half
@@ -327,17 +327,14 @@ def _at_expected_value(term: Term) -> frozenset[str]:
     return frozenset(p.name for p in certain if term.shape[p.name] in p.choices)
 
 
-def _derivative(
-    problem: Problem, model: Model, term: Term, name: str, strengths: FloatArray, limits: tuple[float, float]
-) -> FloatArray | None:
-    """Return the derivative of a term's s·torque by a shape parameter; None where the record leaves it no range."""
-    low, high = limits
-    if not low < high:
-        return None
+def _derivative(problem: Problem, model: Model, index: int, name: str, limits: tuple[float, float]) -> FloatArray:
+    """Return the derivative of a term's s·torque by a shape parameter, of which a range is given."""
+    term, (low, high) = model.terms[index], limits
     value = float(term.shape[name])
     step = STEP * (value if is_logarithmic(low, high) else high - low)
     ends = max(value - step, low), min(value + step, high)
-    torque = [
-        make_term(problem, term.effect, {**term.shape, name: end}, model.fit.level).columns @ strengths for end in ends
-    ]
-    return np.asarray((torque[1] - torque[0]) / (ends[1] - ends[0]), dtype=np.float64)
+    before, after = (
+        make_term(problem, term.effect, {**term.shape, name: end}, model.fit.level).columns @ model.strengths(index)
+        for end in ends
+    )
+    return np.asarray((after - before) / (ends[1] - ends[0]))

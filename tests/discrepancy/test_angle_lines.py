@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 from rwa_monitor.discrepancy.angle import angle_line
-from rwa_monitor.discrepancy.base_fit import fit
 from rwa_monitor.discrepancy.extended import extend
 from rwa_monitor.discrepancy.plan import plan
 from rwa_monitor.samples import Samples
@@ -63,7 +62,7 @@ def test_noise_and_a_line_in_time_are_none_over_the_angle(seed: int) -> None:
     samples = record(slow(rng), 1.0, 0.0, 0.0, rng)
     hum = 2e-4 * np.cos(2 * np.pi * 0.31 * samples.time_ns * 1e-9) * (seed % 2)
     problem = problem_of(sampled(samples.speed_rad_s, samples.friction_torque_Nm + hum), wheel=WHEEL)
-    assert angle_line(problem, fit(problem)) is None
+    assert angle_line(problem) is None
 
 
 def test_in_one_direction_a_line_of_whole_order_is_left_to_the_ripple() -> None:
