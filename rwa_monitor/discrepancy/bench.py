@@ -167,7 +167,9 @@ def _segments(recordings: Sequence[tuple[str, Samples]], wheel: Wheel) -> tuple[
         sparse = float(steps.sum()) > MAX_GAP_FACTOR * wheel.period_ns * len(samples)
         whole = sparse or wheel.friction.motor_off
         apart = whole if is_even(samples.time_ns) else samples.friction_torque_Nm is None
-        after = _breaks(steps) + 1 if apart else np.zeros(0, dtype=np.int64)
+        after = np.zeros(0, dtype=np.int64)
+        if apart and steps.size >= STEPS_AROUND:
+            after = np.flatnonzero(steps > BREAK * median_filter(steps, STEPS_AROUND, mode="mirror")) + 1
         parts = [samples[begin:end] for begin, end in pairwise([0, *after.tolist(), len(samples)])]
         kept = [part for part in parts if len(part) >= SHORTEST_SEGMENT]
         if not after.size or not kept:
@@ -181,13 +183,6 @@ def _segments(recordings: Sequence[tuple[str, Samples]], wheel: Wheel) -> tuple[
         if left := len(samples) - sum(map(len, kept)):
             notes[-1] += f"; {counted(left, 'row')} in stretches of fewer than {SHORTEST_SEGMENT} left out"
     return found, notes
-
-
-def _breaks(steps_ns: IntArray) -> IntArray:
-    """Return the indices of steps that are breaks: more than BREAK times the running median of the steps."""
-    if steps_ns.size < STEPS_AROUND:
-        return np.zeros(0, dtype=np.int64)
-    return np.flatnonzero(steps_ns > BREAK * median_filter(steps_ns, STEPS_AROUND, mode="mirror"))
 
 
 def _is_on_grid(samples: Samples, wheel: Wheel) -> bool:

@@ -22,7 +22,6 @@ from rwa_monitor.discrepancy.result import Search
 from rwa_monitor.discrepancy.score import Background
 from rwa_monitor.discrepancy.shape_profile import middle_shape, profile
 from rwa_monitor.discrepancy.terms import Model, make_term
-from rwa_monitor.messages import Unexplained
 from rwa_monitor.samples import SECONDS_PER_HOUR, FloatArray, IntArray
 from rwa_monitor.simulation.motion import ORBIT_S
 from rwa_monitor.wheel.effects.base import Channels
@@ -377,7 +376,10 @@ def plan(search: Search) -> Plan:
     First the causes that the data cannot separate; else an effect that is not certain; else, or where no
     manoeuvre would confirm that, the effects that the data could not test.
     """
-    advice = [] if search.result.unexplained is None else [_advice_for(search.result.unexplained)]
+    advice, left = [], search.result.unexplained
+    if left is not None:
+        shown = next((words for word, words in SHAPE_SHOWN_BY if word in left.signature), "the same manoeuvre again")
+        advice.append(f"{left.signature}, that no effect explains: {shown}")
     mean = [effect for effect in search.result.effects if effect.name in MEAN_EFFECTS]
     sets = [
         [effect.name, *others]
@@ -414,8 +416,3 @@ def _worth_flying(manoeuvres: list[PlannedManoeuvre]) -> list[PlannedManoeuvre]:
     """Return the manoeuvres that separate anything, ordered by effects identified per time, then by nats per time."""
     informative = [entry for entry in manoeuvres if entry.separation >= UNINFORMATIVE]
     return sorted(informative, key=lambda entry: (-len(entry.shows) / entry.duration_s, -entry.nats_per_hour))
-
-
-def _advice_for(left: Unexplained) -> str:
-    words = next((shown for word, shown in SHAPE_SHOWN_BY if word in left.signature), "the same manoeuvre again")
-    return f"{left.signature}, that no effect explains: {words}"

@@ -14,6 +14,7 @@ from typing import Any, Final
 import numpy as np
 from scipy import optimize
 
+from rwa_monitor.discrepancy.likelihood import SETTLED
 from rwa_monitor.discrepancy.problem import Problem
 from rwa_monitor.discrepancy.score import Background
 from rwa_monitor.discrepancy.terms import Term, make_term
@@ -23,7 +24,6 @@ from rwa_monitor.wheel.effects.base import MeanEffect, Parameter
 FEW_CHOICES: Final = 3  # of a discrete shape parameter: up to so many are all tried again in each refinement
 GRID_POINTS: Final = 9  # per continuous shape parameter; the profile is then refined between neighbours
 EVALUATIONS: Final = 20  # in a refinement, per continuous shape parameter; models are refitted several times
-SETTLED: Final = 0.1  # tolerance of the criterion
 LOG_SPACING_FROM: Final = 8.0  # ratio of bounds above which the values of a shape parameter are spaced logarithmically
 
 
