@@ -18,7 +18,6 @@ from rwa_monitor.discrepancy.base_fit import Fit, fit
 from rwa_monitor.discrepancy.likelihood import ACCEPT_GAIN
 from rwa_monitor.discrepancy.problem import Problem, rms
 from rwa_monitor.discrepancy.record import Record
-from rwa_monitor.discrepancy.unnamed import PeriodicRub
 from rwa_monitor.messages import Unexplained
 from rwa_monitor.samples import TINY, FloatArray
 from rwa_monitor.wheel.effects.torque_ripple import (
@@ -36,6 +35,7 @@ BACKGROUND_ORDERS: Final = 401  # orders in a block, from which the background o
 FEWEST_BLOCKS: Final = 4  # blocks of orders, where a record has few orders
 LINE_THRESHOLD: Final = 15.0  # -log of the false-alarm probability over all orders tried; power over the background
 HARMONIC_THRESHOLD: Final = 12.0  # the same for a single given order
+MOST_HARMONICS: Final = 20  # of a line: a rub that lasts a twentieth of a turn has as many of similar size
 FEWEST_WAVES: Final = 3.0  # periods within the range of the angle: fewer do not separate a line from a trend
 SAME_SHARE: Final = 0.5  # of the overall amplitude that low and high speeds must each have, in phase
 DRAG_POWER_RATIO: Final = 1.1  # ratio of powers; a tenth of the record in the other direction already raises it to 1.5
@@ -92,9 +92,7 @@ def angle_line(problem: Problem) -> AngleLine | float | None:
     std = float(np.sqrt(2.0 / at.size) * np.std(values) / max(2 * np.pi * amplitude * float(np.std(at)), TINY))
     # The significant harmonics are fitted and evaluated on all slots.
     sure = HARMONIC_THRESHOLD * at.size * float(np.var(values))
-    kept = [
-        k for k in range(1, PeriodicRub.harmonics + 1) if k == 1 or abs(_fourier_sum(values, at, k * order)) ** 2 > sure
-    ]
+    kept = [k for k in range(1, MOST_HARMONICS + 1) if k == 1 or abs(_fourier_sum(values, at, k * order)) ** 2 > sure]
     angle = np.outer(2.0 * np.pi * order * turns, kept)
     design = np.column_stack([np.cos(angle), np.sin(angle)])
     torque = np.nan_to_num(design @ np.linalg.lstsq(design[problem.slot], values)[0])
