@@ -7,16 +7,16 @@ have the same amplitude and phase at low and at high speed.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
-from typing import Final
+from dataclasses import replace
+from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy import fft, optimize
 
-from rwa_monitor.discrepancy.base_fit import Fit
+from rwa_monitor.discrepancy.base_fit import Fit, fit
 from rwa_monitor.discrepancy.likelihood import ACCEPT_GAIN
-from rwa_monitor.discrepancy.problem import Problem
+from rwa_monitor.discrepancy.problem import Problem, rms
 from rwa_monitor.discrepancy.record import Record
 from rwa_monitor.messages import Unexplained
 from rwa_monitor.samples import TINY, FloatArray
@@ -40,41 +40,19 @@ FEWEST_WAVES: Final = 3.0  # periods within the range of the angle: fewer do not
 SAME_SHARE: Final = 0.5  # of the overall amplitude that low and high speeds must each have, in phase
 DRAG_POWER_RATIO: Final = 1.1  # ratio of powers; a tenth of the record in the other direction already raises it to 1.5
 WHOLE_WITHIN: Final = 0.01  # orders closer than this to an integer are left to the ripple
-RESOLVED: Final = 1.0  # over the turns of the record: orders closer than this to an integer count as one
-WORST_RESOLUTION: Final = 0.05  # orders: the largest resolution at which lines are separated
 
 
-@dataclass(frozen=True, slots=True)
-class AngleLine:
+class AngleLine(NamedTuple):
     """A drag that is periodic in the wheel's angle, at a non-integer order.
 
-    Attributes
-    ----------
-    order, order_std
-        Periods per turn of the wheel [-].
-    torque_Nm
-        float64 (n,), on the slots of its record [N m].
-    size_Nm
-        Root mean square [N m].
+    `torque_Nm`: on the slots of its record, float64 (n,). `finding`: as no effect of the catalogue explains it.
     """
 
-    order: float
-    order_std: float
     torque_Nm: FloatArray
-    size_Nm: float
-
-    def unexplained(self) -> Unexplained:
-        """Return it as a finding that no effect of the catalogue explains."""
-        digits = max(int(np.ceil(-np.log10(max(self.order_std, 1e-6)))), 2)
-        order = f"{self.order:.{digits}f} ± {self.order_std:.1g}"
-        why = "no whole number: the cage, or balls that pass"
-        return Unexplained(
-            signature=f"a drag that is periodic in the wheel's angle at order {order} of its turns ({why})",
-            size_Nm=self.size_Nm,
-        )
+    finding: Unexplained
 
 
-def angle_line(problem: Problem, base: Fit) -> AngleLine | float | None:
+def angle_line(problem: Problem) -> AngleLine | float | None:
     """Return the line in the residual of the base model over the angle; None where there is none.
 
     If the torque does not change sign with the direction, only its order is returned, as a candidate for a ripple. The
@@ -88,27 +66,26 @@ def angle_line(problem: Problem, base: Fit) -> AngleLine | float | None:
     turns = angle_turned(problem.records[0].undrifted)[0] / (2.0 * np.pi)
     at = turns[problem.slot]
     whole = float(np.ptp(at))
-    of_drag, of_ripple = base.residual, base.residual * problem.sign
+    of_drag = fit(problem).residual
+    of_ripple = of_drag * problem.sign
     if whole < MANY_TURNS:
         above, tried = _spectrum(at, of_ripple, whole) if whole > 0.0 else (at[:0], at[:0])
         return float(tried[np.argmax(above)]) if above.size else None
-    if RESOLVED / whole > WORST_RESOLUTION:
-        return None
     ripple, drag = problem.each(lambda values: _strongest_line(at, values, whole), (of_ripple, of_drag))
     # With one direction of rotation the two are the same, and a ripple is assumed, which is in the catalogue.
     flips = drag is not None and (ripple is None or drag[0] > DRAG_POWER_RATIO * ripple[0])
     peak, values = (drag, of_drag) if flips else (ripple, of_ripple)
     if peak is None:
         return None
-    order = _refined_order(values, at, peak[1], whole)
+    limits = peak[1] - 0.5 / whole, peak[1] + 0.5 / whole
+    best = optimize.minimize_scalar(lambda h: -abs(_fourier_sum(values, at, h)), bounds=limits, method="bounded")
+    order = float(best.x)
     amplitude = 2.0 * abs(_fourier_sum(values, at, order)) / at.size
     gain = 0.5 * at.size * amplitude**2 / problem.noise.long_run_variance
-    if gain < ACCEPT_GAIN + len(TorqueRipple.parameters) * problem.log_size or not _at_all_speeds(
-        problem, values, at, order
-    ):
-        return None
     # Changes of direction cause sidebands of a ripple of integer order, which change sign with the direction.
-    if round(order) >= 1 and abs(order - round(order)) < max(RESOLVED / whole, WHOLE_WITHIN):
+    is_whole = round(order) >= 1 and abs(order - round(order)) < max(1.0 / whole, WHOLE_WITHIN)
+    least_gain = ACCEPT_GAIN + len(TorqueRipple.parameters) * problem.log_size
+    if is_whole or gain < least_gain or not _at_all_speeds(problem, values, at, order):
         return None
     if not flips:
         return order
@@ -120,7 +97,12 @@ def angle_line(problem: Problem, base: Fit) -> AngleLine | float | None:
     design = np.column_stack([np.cos(angle), np.sin(angle)])
     torque = np.nan_to_num(design @ np.linalg.lstsq(design[problem.slot], values)[0])
     torque *= np.nan_to_num(problem.records[0].channels.direction)
-    return AngleLine(order, std, torque, float(np.sqrt(np.mean(torque[problem.slot] ** 2))))
+    digits = max(int(np.ceil(-np.log10(max(std, 1e-6)))), 2)
+    signature = (
+        f"a drag that is periodic in the wheel's angle at order {order:.{digits}f} ± {std:.1g} of its turns (no whole"
+        " number: the cage, or balls that pass)"
+    )
+    return AngleLine(torque, Unexplained(signature=signature, size_Nm=rms(torque[problem.slot])))
 
 
 def ripple_with(order: float) -> type[TorqueRipple]:
@@ -161,9 +143,8 @@ def _spectrum(at: FloatArray, values: FloatArray, whole: float) -> tuple[FloatAr
     cells = np.bincount(((at - at.min()) * per_turn).astype(np.int64), values, size)
     power = np.abs(fft.rfft(cells)) ** 2
     order = np.arange(power.size) * per_turn / size
-    tried = (order >= max(LOWEST_ORDER, FEWEST_WAVES / whole)) & (
-        order <= min(MAX_HARMONIC, per_turn / CELLS_PER_PERIOD)
-    )
+    lowest, highest = max(LOWEST_ORDER, FEWEST_WAVES / whole), min(MAX_HARMONIC, per_turn / CELLS_PER_PERIOD)
+    tried = (order >= lowest) & (order <= highest)
     power, order = power[tried], order[tried]
     near = min(BACKGROUND_ORDERS, power.size // FEWEST_BLOCKS)
     if near == 0:
@@ -173,13 +154,6 @@ def _spectrum(at: FloatArray, values: FloatArray, whole: float) -> tuple[FloatAr
     # The median of an exponential distribution is log 2 times its mean.
     around = np.interp(np.arange(power.size), middle, np.median(blocks, axis=1) / np.log(2.0))
     return power / np.maximum(around, TINY), order
-
-
-def _refined_order(values: FloatArray, at: FloatArray, order: float, whole: float) -> float:
-    """Return the order of maximum power within half the resolution on either side."""
-    limits = (order - 0.5 / whole, order + 0.5 / whole)
-    found = optimize.minimize_scalar(lambda h: -abs(_fourier_sum(values, at, h)), bounds=limits, method="bounded")
-    return float(found.x)
 
 
 def _at_all_speeds(problem: Problem, values: FloatArray, at: FloatArray, order: float) -> bool:
@@ -216,11 +190,10 @@ def with_angle_drift(problem: Problem, base: Fit) -> Problem:
     base
         A fit whose residual contains the ripple.
     """
-    residuals = problem.spread(base.residual * problem.sign)
+    residuals = problem.spread(base.residual * problem.sign, 0.0)
     variance = max(problem.noise.long_run_variance, base.rss / problem.z.size)  # samples that no level fits count, too
     drifts = [
-        track_drift(record, np.where(record.used, residual, 0.0), variance)
-        for record, residual in zip(problem.records, residuals, strict=True)
+        track_drift(record, residual, variance) for record, residual in zip(problem.records, residuals, strict=True)
     ]
     if all(drift is None for drift in drifts):
         return problem

@@ -135,7 +135,7 @@ def with_noise_of(problem: Problem, residual: FloatArray) -> Problem:
     noise = estimate_noise([residual[piece] for piece in pieces(problem)])
     smallest = problem.smallest_noise_Nm
     if noise.std < smallest:
-        noise = Noise(smallest, np.append(smallest**2, np.zeros(noise.autocovariance.size - 1)), smallest**2)
+        noise = Noise(smallest, smallest**2)
     return replace(problem, noise=noise)
 
 

@@ -14,7 +14,6 @@ from itertools import pairwise
 from typing import Any, Final
 
 import numpy as np
-from numpy.lib.stride_tricks import sliding_window_view
 from scipy.ndimage import median_filter
 
 from rwa_monitor.errors import InputError
@@ -28,18 +27,17 @@ from rwa_monitor.words import counted
 OFF_A_STEP: Final = 0.05  # median steps off the nearest whole multiple: from here on the step is uneven
 UNEVEN_SHARE: Final = 0.1  # of the steps, above which a clock is uneven; fewer are single late samples
 FINEST: Final = 8  # slots in a median step; of closer rows that share a slot only the first is used
-LONGEST_BRIDGE: Final = 4.0  # median steps between two rows over which values are interpolated
 NEAR_PERIOD: Final = (0.8, 1.25)  # median step over the wheel's period, between which that period is kept
 SEGMENT_SHARE: Final = 0.5  # of the longest segment without a lost sample: the longest window for dω/dt
 LOST: Final = 1.5  # median steps, above which a sample is lost
 WINDOW_SHARE: Final = 0.1  # of the recording: the longest window for dω/dt
 LEAST_HALF: Final = 2  # rows on each side from which dω/dt is estimated, at least
 MOST_HALF: Final = 200  # rows on each side, at most
-MAX_GAP_FACTOR: Final = 4  # a record may hold at most this many slots per sample; sparser ones are wrong files
+# Slots per sample that a record may hold: sparser ones are wrong files; median steps over which it is interpolated.
+MAX_GAP_FACTOR: Final = 4
 BREAK: Final = 50.0  # times the running median of the steps, above which a step is a break
 STEPS_AROUND: Final = 11  # steps of that running median
 SHORTEST_SEGMENT: Final = 16  # rows between two breaks; shorter segments carry no information on friction
-ROWS_AT_ONCE: Final = 10_000  # rows whose windows are copied into one array: a few arrays of 32 MB at most
 WITHIN_A_TURN: Final = 1.001  # turns: the largest range of an angle that is wrapped to one turn
 LOST_SHARE: Final = 0.5  # of the turned angle, by which a measured one may differ; more means another shaft, or degrees
 SCALED_ONLY: Final = "motor off: friction is -J dω/dt, which the inertia only scales"
@@ -137,7 +135,12 @@ def _on_one_grid(recordings: Sequence[tuple[str, Samples]], wheel: Wheel) -> Ben
         return Bench([(name, without_motor(samples, wheel)) for name, samples in recordings], wheel, [])
     rows = [(name, samples if even[name] else _with_slope_friction(samples, wheel)) for name, samples in recordings]
     own = all(samples.friction_torque_Nm is not None for _, samples in rows)
-    period_s = _shortest_s([samples for _, samples in rows]) if own else _period_s([s for _, s in rows], wheel)
+    steps = [_steps_s(samples) for _, samples in rows]
+    if own:  # every row has its own slot, except rows much closer than the median step
+        period_s = min(max(float(step.min()), float(np.median(step)) / FINEST) for step in steps if step.size)
+    else:
+        median, (low, high) = float(np.median(np.concatenate(steps))), NEAR_PERIOD
+        period_s = wheel.sample_period_s if low < median / wheel.sample_period_s < high else median
     wheel = wheel.model_copy(update={"sample_period_s": period_s})
     found, notes = [], []
     for name, samples in rows:
@@ -164,7 +167,9 @@ def _segments(recordings: Sequence[tuple[str, Samples]], wheel: Wheel) -> tuple[
         sparse = float(steps.sum()) > MAX_GAP_FACTOR * wheel.period_ns * len(samples)
         whole = sparse or wheel.friction.motor_off
         apart = whole if is_even(samples.time_ns) else samples.friction_torque_Nm is None
-        after = _breaks(steps) + 1 if apart else np.zeros(0, dtype=np.int64)
+        after = np.zeros(0, dtype=np.int64)
+        if apart and steps.size >= STEPS_AROUND:
+            after = np.flatnonzero(steps > BREAK * median_filter(steps, STEPS_AROUND, mode="mirror")) + 1
         parts = [samples[begin:end] for begin, end in pairwise([0, *after.tolist(), len(samples)])]
         kept = [part for part in parts if len(part) >= SHORTEST_SEGMENT]
         if not after.size or not kept:
@@ -178,13 +183,6 @@ def _segments(recordings: Sequence[tuple[str, Samples]], wheel: Wheel) -> tuple[
         if left := len(samples) - sum(map(len, kept)):
             notes[-1] += f"; {counted(left, 'row')} in stretches of fewer than {SHORTEST_SEGMENT} left out"
     return found, notes
-
-
-def _breaks(steps_ns: IntArray) -> IntArray:
-    """Return the indices of steps that are breaks: more than BREAK times the running median of the steps."""
-    if steps_ns.size < STEPS_AROUND:
-        return np.zeros(0, dtype=np.int64)
-    return np.flatnonzero(steps_ns > BREAK * median_filter(steps_ns, STEPS_AROUND, mode="mirror"))
 
 
 def _is_on_grid(samples: Samples, wheel: Wheel) -> bool:
@@ -238,39 +236,25 @@ def lost_without_motor(effects: Sequence[type[MeanEffect]], wheel: Wheel, channe
     channels
         Channels of a record; an effect that vanishes there without acceleration is only scaled by the inertia.
     """
-    reasons = {effect.name: _why_unidentifiable(effect, wheel, channels) for effect in effects}
-    return {name: why for name, why in reasons.items() if why is not None}
+    steady = replace(channels, acceleration_rad_s2=np.zeros(len(channels)))
 
+    def why(effect: type[MeanEffect]) -> str | None:
+        if wheel.pulses_per_turn is not None and issubclass(effect, TorqueRipple):
+            return MEAN_OF_A_TURN
+        if not wheel.friction.motor_off:
+            return None
+        if "motor_torque_Nm" in effect.needs:
+            return NO_TORQUE
+        shape = {parameter.name: parameter.typical for parameter in effect.shape_parameters()}
+        there, gone = (np.nan_to_num(effect.columns(one, shape)[0]).any() for one in (channels, steady))
+        return SCALED_ONLY if there and not gone else None
 
-def _why_unidentifiable(effect: type[MeanEffect], wheel: Wheel, moving: Channels) -> str | None:
-    """Return why an effect is not identifiable: averaged over each turn, or zero without motor or acceleration."""
-    if wheel.pulses_per_turn is not None and issubclass(effect, TorqueRipple):
-        return MEAN_OF_A_TURN
-    if not wheel.friction.motor_off:
-        return None
-    if "motor_torque_Nm" in effect.needs:
-        return NO_TORQUE
-    shape = {parameter.name: parameter.typical for parameter in effect.shape_parameters()}
-    steady = replace(moving, acceleration_rad_s2=np.zeros(len(moving)))
-    there, gone = (np.nan_to_num(effect.columns(channels, shape)[0]) for channels in (moving, steady))
-    return SCALED_ONLY if there.any() and not gone.any() else None
+    reasons = ((effect.name, why(effect)) for effect in effects)
+    return {name: reason for name, reason in reasons if reason is not None}
 
 
 def _steps_s(samples: Samples) -> FloatArray:
     return np.asarray(np.diff(samples.time_ns) / NANOSECONDS_PER_SECOND)
-
-
-def _shortest_s(recordings: Sequence[Samples]) -> float:
-    """Return a period so short that every row has its own slot, except rows much closer than the median step [s]."""
-    steps = [_steps_s(samples) for samples in recordings]
-    return min(max(float(step.min()), float(np.median(step)) / FINEST) for step in steps if step.size)
-
-
-def _period_s(recordings: Sequence[Samples], wheel: Wheel) -> float:
-    """Return the wheel's period if the median step is close to it, else the median step [s]."""
-    median = float(np.median(np.concatenate([_steps_s(samples) for samples in recordings])))
-    low, high = NEAR_PERIOD
-    return wheel.sample_period_s if low < median / wheel.sample_period_s < high else median
 
 
 def _first_in_slots(samples: Samples, wheel: Wheel) -> Samples:
@@ -286,7 +270,7 @@ def _interpolated(samples: Samples, wheel: Wheel) -> Samples:
     """
     time = samples.time_ns
     grid = np.arange(time[0], time[-1] + 1, wheel.period_ns, dtype=np.int64)
-    longest = LONGEST_BRIDGE * float(np.median(np.diff(time)))
+    longest = MAX_GAP_FACTOR * float(np.median(np.diff(time)))
     known = np.isfinite(samples.speed_rad_s)
     turns = np.diff(np.sign(samples.speed_rad_s[known]), prepend=0.0, append=0.0) != 0.0
     across = turns[np.searchsorted(time[known], grid, side="right")] & ~np.isin(grid, time[known])
@@ -324,27 +308,24 @@ def _with_slope_friction(samples: Samples, wheel: Wheel) -> Samples:
 
 
 def _slopes(samples: Samples, window_s: float) -> FloatArray:
-    """Return dω/dt at each row [rad/s²], float64 (n,); NaN at the ends and near missing values."""
+    """Return dω/dt at each row [rad/s²], float64 (n,), by the parabola fitted to the rows around it.
+
+    NaN at the ends and near missing values.
+    """
     half = int(np.clip(round(window_s / float(np.median(_steps_s(samples))) / 2), LEAST_HALF, MOST_HALF))
     if len(samples) <= 2 * half:
         return np.full(len(samples), np.nan)
-    time = (samples.time_ns - samples.time_ns[0]) / NANOSECONDS_PER_SECOND
-    times, speeds = (sliding_window_view(values, 2 * half + 1) for values in (time, samples.speed_rad_s))
-    parts = [slice(begin, begin + ROWS_AT_ONCE) for begin in range(0, len(times), ROWS_AT_ONCE)]
-    return np.pad(
-        np.concatenate([_slopes_in(times[part], speeds[part], half) for part in parts]), half, constant_values=np.nan
-    )
-
-
-def _slopes_in(times: FloatArray, speeds: FloatArray, middle: int) -> FloatArray:
-    """Return the slope of a parabola at the middle row of each window, float64 (n,); times and speeds are (n, m)."""
-    offset = times - times[:, [middle]]
-    scale = np.abs(offset).max(axis=1, keepdims=True)
-    offset = offset / scale
-    powers = np.stack([np.sum(offset**power, axis=1) for power in range(5)], axis=1)
-    gram = powers[:, np.add.outer(np.arange(3), np.arange(3))]
-    moment = np.stack([np.sum(speeds * offset**power, axis=1) for power in range(3)], axis=1)
-    return np.asarray(np.linalg.solve(gram, moment[..., None])[:, 1, 0] / scale[:, 0])
+    time, count = (samples.time_ns - samples.time_ns[0]) / NANOSECONDS_PER_SECOND, len(samples) - 2 * half
+    middle = time[half : half + count]
+    scale = np.maximum(time[2 * half :] - middle, middle - time[:count])
+    powers, moment = np.zeros((5, count)), np.zeros((3, count))
+    for begin in range(2 * half + 1):
+        offset = (time[begin : begin + count] - middle) / scale
+        power = np.stack([offset**exponent for exponent in range(5)])
+        powers += power
+        moment += samples.speed_rad_s[begin : begin + count] * power[:3]
+    gram = powers[np.add.outer(np.arange(3), np.arange(3))].T
+    return np.pad(np.linalg.solve(gram, moment.T[..., None])[:, 1, 0] / scale, half, constant_values=np.nan)
 
 
 def _in_words(rows: Samples, fitted: Samples, period_s: float, *, own: bool) -> str:

@@ -6,8 +6,8 @@ to the recorded one. Seeds are fixed: the same extension gives the same rates.
 
 from __future__ import annotations
 
+from collections import defaultdict
 from collections.abc import Callable, Sequence
-from functools import partial
 from typing import Any, Final
 
 import numpy as np
@@ -28,8 +28,7 @@ SEED: Final = 41_000  # of the first window; no other part of the project uses 4
 WINDOWS: Final = 16
 PLACED_WITHIN: Final = 5  # samples between a true jump and a changepoint that reports it
 # Clear anomalies, so that one is missed only because of the missing effect: those of the recipe `mild`, doubled.
-FACTORS: Final = {"dry": 1.6, "viscous": 1.3}
-FACTOR_OF_SYSTEMS: Final = 2.0
+FACTORS: Final = defaultdict(lambda: 2.0, dry=1.6, viscous=1.3)
 
 
 def diagnosis_gain(search: Search, diagnose: Diagnose) -> DiagnosisGain | None:
@@ -44,29 +43,27 @@ def diagnosis_gain(search: Search, diagnose: Diagnose) -> DiagnosisGain | None:
     diagnose
         Diagnoses the samples of one window of a wheel, as the monitor does, whose package lies above this one.
     """
-    wheel, extended = search.wheel, extended_wheel(search)
+    wheel = search.wheel
     complete = None not in (wheel.nominal, wheel.inertia_kg_m2, wheel.torque_constant_Nm_A)
-    if not search.extended.terms or not complete or not wheel.fss:
-        return None
-    if any(system.friction is None for system in wheel.fss):
+    complete &= bool(wheel.fss) and all(system.friction is not None for system in wheel.fss)
+    if not search.extended.terms or not complete:
         return None
     crosses = any(np.ptp(record.channels.direction[record.used]) > 0 for record in search.problem.records)
     speed = SpeedProfile(kind="rich" if crosses else "one_direction")
     statuses = [name for anomaly in wheel.anomalies for name in ("nominal", anomaly)]
     tries = [(statuses[i % len(statuses)], SEED + i) for i in range(WINDOWS)]
-    diagnosed = partial(_diagnosed, wheel, extended, speed, diagnose)
-    counts = np.sum(search.problem.each(diagnosed, tries), axis=0)
-    return DiagnosisGain(before=_rates(counts[0]), after=_rates(counts[1]))
+    extended = extended_wheel(search)
 
+    def diagnosed(one: tuple[str, int]) -> Counts:
+        """Simulate a window with the effects in it and return the counts without and with them known, int64 (2, 5)."""
+        status, seed = one
+        anomalies = {} if status == "nominal" else {status: Anomaly(factor=FACTORS[status])}
+        scenario = Scenario(duration_s=wheel.window_s, speed=speed, anomalies=anomalies)
+        made = simulate(scenario, extended, np.random.default_rng(seed))
+        return np.array([_count(made, diagnose(made.samples, used), used, status) for used in (wheel, extended)])
 
-def _diagnosed(wheel: Wheel, extended: Wheel, speed: SpeedProfile, diagnose: Diagnose, one: tuple[str, int]) -> Counts:
-    """Simulate one window with the effects in it and return the counts without and with them known, int64 (2, 5)."""
-    status, seed = one
-    anomalies = {} if status == "nominal" else {status: Anomaly(factor=FACTORS.get(status, FACTOR_OF_SYSTEMS))}
-    duration_s = wheel.window_s
-    scenario = Scenario(duration_s=duration_s, speed=speed, anomalies=anomalies)
-    telemetry = simulate(scenario, extended, np.random.default_rng(seed))
-    return np.array([_count(telemetry, diagnose(telemetry.samples, used), used, status) for used in (wheel, extended)])
+    before, after = np.sum(search.problem.each(diagnosed, tries), axis=0)
+    return DiagnosisGain(before=_rates(before), after=_rates(after))
 
 
 def _count(telemetry: Telemetry, diagnosis: Diagnosis, wheel: Wheel, status: str) -> Counts:

@@ -94,12 +94,11 @@ def explain(problem: Problem, effects: Effects, progress: Progress, wheel: Wheel
         few = _without_jumps(problem, None, effects, progress)
         assert few is not None, "nothing else is likelier"
         return few
-    problem, effects, line = _treat_angle_line(problem, effects, wheel)
+    problem, effects, of_line = _treat_angle_line(problem, effects, wheel)
     approach, jumping = _with_jumps(problem, effects, progress, wheel)
     cage = cage_bursts(jumping.problem, jumping.complete) if jumping.problem.has_noise else None
     if cage is None:
         jumping = _with_formula(approach, jumping, effects, progress)
-    of_line = None if line is None else line.unexplained()  # it was subtracted
     smooth = _without_jumps(jumping.problem, jumping.complete, effects, progress)
     if smooth is not None:
         return replace(smooth, leftover=combined(smooth.leftover, of_line))
@@ -147,23 +146,25 @@ def _score_bound(problem: Problem, jumping: Model) -> float:
     return fit_noise(series, rows, low, high, start)[1] + problem.log_size * price(())
 
 
-def _treat_angle_line(problem: Problem, candidates: Effects, wheel: Wheel) -> tuple[Problem, Effects, AngleLine | None]:
+def _treat_angle_line(
+    problem: Problem, candidates: Effects, wheel: Wheel
+) -> tuple[Problem, Effects, Unexplained | None]:
     """Subtract a drag that is periodic in the angle of the wheel, or let a torque ripple try the order of a line there.
 
     Other effects would partly explain it. In data without noise, the significance of a line cannot be judged.
 
     Returns
     -------
-    problem, candidates, line
-        The line is None unless it was subtracted from the data.
+    problem, candidates, subtracted
+        What was subtracted from the data, or None.
     """
-    line = angle_line(problem, fit(problem)) if problem.has_noise else None
+    line = angle_line(problem) if problem.has_noise else None
     if line is None:
         return problem, candidates, None
     if isinstance(line, AngleLine):
         (record,) = problem.records
         without = replace(record, friction_torque_Nm=record.friction_torque_Nm - line.torque_Nm)
-        return prepare([without], wheel, problem.each), candidates, line
+        return prepare([without], wheel, problem.each), candidates, line.finding
     of_any_order = ripple_with(line)
     return problem, [of_any_order if effect is TorqueRipple else effect for effect in candidates], None
 
@@ -202,10 +203,9 @@ def _with_nearest(approach: Fitting, explained: Explained, known: Sequence[Model
     if best is None or left is None:
         return left
     simpler = approach.without(best, len(last.terms))  # the gain may come from its jumps
-    if simpler.score - best.score < least_gain(approach.problem, len(last.terms)):
-        return left
+    gain = simpler.score - best.score
     share = (simpler.fit.rss - best.fit.rss) / (simpler.fit.rss - explained.complete.fit.rss)
-    if share < LEAST_NAMED_SHARE:
+    if gain < least_gain(approach.problem, len(last.terms)) or share < LEAST_NAMED_SHARE:
         return left
     return left.model_copy(update={"nearest": NearestEffect(effect=best.names[-1], share=share)})
 

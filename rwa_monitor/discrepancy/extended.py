@@ -10,7 +10,7 @@ decides: in the first case the base law fitted with the effects is nearer the fi
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Final, Literal
+from typing import Any, Final, Literal
 
 import numpy as np
 
@@ -18,7 +18,7 @@ from rwa_monitor.discrepancy.base_fit import remove_levels, segment_starts
 from rwa_monitor.discrepancy.found_effects import spread
 from rwa_monitor.discrepancy.own_jumps import OwnJumps
 from rwa_monitor.discrepancy.plausible import ImpliedValue, ask_speed_unit
-from rwa_monitor.discrepancy.problem import Problem
+from rwa_monitor.discrepancy.problem import Problem, rms
 from rwa_monitor.discrepancy.record import temperature_range
 from rwa_monitor.discrepancy.result import Search, simulated_gain
 from rwa_monitor.discrepancy.terms import Model
@@ -105,17 +105,13 @@ class Extension:
     rmse_simulated_Nm: float
     is_a_loss: bool = False
 
-    @property
-    def comment(self) -> str:
-        """How the nominal friction was treated, in words."""
-        return COMMENTS[self.treatment]
-
     def to_toml(self) -> str:
         """Return the wheel file's text, with the comment and warnings on top."""
         drifts = any(build(block).changes_with_time for block in self.wheel.effect)
         cautions = [CAUTION_LOSS] if self.is_a_loss else []
         cautions += [CAUTION_SIMULATED] if self.simulated.is_a_loss else []
-        lines = [f"In [nominal], {self.comment}.", *cautions, f"{CAUTION} {CAUTION_DRIFT}" if drifts else CAUTION]
+        nominal = f"In [nominal], {COMMENTS[self.treatment]}."
+        lines = [nominal, *cautions, f"{CAUTION} {CAUTION_DRIFT}" if drifts else CAUTION]
         return "".join(f"# {line}\n" for line in lines) + self.wheel.to_toml()
 
 
@@ -144,9 +140,10 @@ def extend(search: Search, report_sha256: str | None = None) -> Extension:
         effect = effect_class(term.effect.name)
         known = {parameter.name: values[parameter.name] for parameter in effect.parameters}
         blocks.append(_with_errors(search, effect(**known), report_sha256))
-    wheel = search.wheel.model_copy(update={"effect": (*search.wheel.effect, *blocks), "nominal": nominal})
+    added: dict[str, Any] = {"effect": (*search.wheel.effect, *blocks), "nominal": nominal}
     if any(term.effect.follows_temperature for term in model.terms):
-        wheel = wheel.model_copy(update={"temperature": temperature_range(search.problem.records)})
+        added["temperature"] = temperature_range(search.problem.records)
+    wheel = search.wheel.model_copy(update=added)
     extension = Extension(
         wheel,
         treatment,
@@ -178,7 +175,8 @@ def base_law(problem: Problem, model: Model) -> BaseLaw:
     dry = float(np.quantile(model.fit.level, LOWEST_SHARE, method="nearest"))
     viscous = float(model.fit.coefficients[0])
     speed = float(problem.speed.mean()) if problem.at_one_speed else None
-    return BaseLaw(dry, viscous, spread(problem, model).viscous, viscous <= problem.lowest_viscous, speed)
+    std, _ = spread(problem, model)
+    return BaseLaw(dry, viscous, std, viscous <= problem.lowest_viscous, speed)
 
 
 def speed_unit_question(search: Search) -> str | None:
@@ -210,7 +208,7 @@ def laws_in_words(extension: Extension) -> list[str]:
         check += f", at the file's own dry friction {extension.rmse_simulated_Nm:.4g} N m"
     return [
         f"base law fitted to these records: {law}",
-        f"extended wheel file: {extension.comment}",
+        f"extended wheel file: {COMMENTS[extension.treatment]}",
         f"the wheel file, simulated on this record's speed, at the levels of its segments: {check}",
     ]
 
@@ -232,8 +230,8 @@ def _nominal(nominal: Nominal | None, before: BaseLaw, after: BaseLaw) -> tuple[
         return nominal, "one speed"
     known = np.array([nominal.dry_torque_Nm, nominal.viscous_Nm_s_rad])
     without_effects, with_effects = (np.array([law.dry_Nm, law.viscous_Nm_s_rad]) for law in (before, after))
-    unit = np.maximum(np.abs(known), TINY)
-    if np.sum(((known - with_effects) / unit) ** 2) <= np.sum(((known - without_effects) / unit) ** 2):
+    off = ((known - [with_effects, without_effects]) / np.maximum(np.abs(known), TINY)) ** 2
+    if off[0].sum() <= off[1].sum():
         return nominal, "kept"
     dry, viscous = np.maximum(known + with_effects - without_effects, LEAST_OF_NOMINAL * known).tolist()
     shifted = {"dry_torque_Nm": dry, "viscous_Nm_s_rad": viscous}
@@ -259,4 +257,4 @@ def _rmse(search: Search, wheel: Wheel, law: BaseLaw, dry_Nm: float | None = Non
     if added.effect:  # jumps of these records are fitted, as levels are: a wheel file has their law, not their times
         rest = rest - search.extended.of_own_jumps
     inner = remove_levels(rest, segment_starts(problem, search.extended.fit.jumps)) if dry_Nm is None else rest - dry_Nm
-    return float(np.sqrt(np.mean(inner**2)))
+    return rms(inner)

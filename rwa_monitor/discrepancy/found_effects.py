@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Final
 
 import numpy as np
@@ -21,7 +21,7 @@ from rwa_monitor.discrepancy.score import Background, standard_deviations
 from rwa_monitor.discrepancy.shape_profile import FEW_CHOICES, is_logarithmic, reach_between, shape_limits
 from rwa_monitor.discrepancy.terms import Found, Model, Term, make_term
 from rwa_monitor.samples import FloatArray
-from rwa_monitor.wheel.effects.base import Effect, Family, Parameter
+from rwa_monitor.wheel.effects.base import Effect, Family
 from rwa_monitor.wheel.effects.catalogue import CATALOGUE, effect_class
 from rwa_monitor.wheel.effects.formula import BLOCK, Formula
 from rwa_monitor.wheel.effects.tachometer import SpeedDeadZone
@@ -36,8 +36,7 @@ def found_effect(problem: Problem, model: Model, found: Found) -> FoundEffect:
     if issubclass(term.effect, OwnJumps):
         parameters = term.effect.nearest(problem, model, index)
     else:
-        std = spread(problem, model).terms[index]
-        parameters = described(problem, term, model.strengths(index), std, effect_class(found.name).parameters)
+        parameters = described(problem, model, index)
     if found.name == TorqueRipple.name:
         parameters[ORDER] = with_other_orders(problem, model, index, parameters[ORDER])
     if term.effect.is_part_of_viscous and not problem.at_one_speed:
@@ -131,8 +130,7 @@ def joined(effects: Sequence[FoundEffect]) -> list[FoundEffect]:
 # single order is reported only where none does; otherwise all orders that fit are listed.
 
 
-WIDTHS: Final = 4.0  # of a spectral line, on each side, that are searched finely
-PER_WIDTH: Final = 4  # orders tried per width of a line
+WIDTHS: Final = 4  # of a spectral line, on each side, that are searched, with as many orders tried in each
 
 
 def with_other_orders(problem: Problem, model: Model, index: int, order: ParameterValue) -> ParameterValue:
@@ -150,12 +148,11 @@ def with_other_orders(problem: Problem, model: Model, index: int, order: Paramet
         return order  # enough turns to distinguish an order from its neighbours
     low, high = shape_limits(problem, TorqueRipple)[ORDER]
     # Where most of the motion stays within a part of a turn, peaks are as narrow as the order's error, not a line.
-    step = reach / PER_WIDTH if order.std is None else min(reach / PER_WIDTH, 0.5 * order.std)
+    step = reach / WIDTHS if order.std is None else min(reach / WIDTHS, 0.5 * order.std)
     near = order.value + np.arange(-WIDTHS * reach, WIDTHS * reach + 0.5 * step, step)
     tried = np.unique(np.concatenate([near, np.arange(1.0, MAX_HARMONIC + 1.0)]))
     tried = tried[(tried >= low) & (tried <= high)]
-    others = tuple(term for i, term in enumerate(model.terms) if i != index)
-    background = Background.of(problem, others, model.law, model.fit.jumps)
+    background = _without(problem, model, index)
 
     def deviance(at: float) -> float:
         term = make_term(problem, TorqueRipple, {ORDER: at}, None)
@@ -190,32 +187,21 @@ def _in_words(orders: FloatArray, reach: float) -> str:
 
 ORDER: Final = "harmonic"
 STEP: Final = 1e-3  # of a shape parameter's range, for the derivative
-WIDTH: Final = 2.0  # standard deviations each way: 95 %
 # Rise of -2 log likelihood at the ends of a 95 % interval of a step: 0.95 = (1 - exp(-x/2))² (Y.-C. Yao, Annals of
 # Statistics 15, 1987; D. Siegmund, International Statistical Review 56, 1988).
 STEP_RISE: Final = 7.35
 
 
-@dataclass(frozen=True, slots=True)
-class Spread:
-    """Standard deviations of a model's parameters.
-
-    Attributes
-    ----------
-    viscous
-        Of the viscous coefficient [N m s/rad], its bound disregarded.
-    terms
-        For each term, by parameter name; NaN for a discrete parameter.
-    """
-
-    viscous: float
-    terms: tuple[dict[str, float], ...]
-
-
-def spread(problem: Problem, model: Model) -> Spread:
+def spread(problem: Problem, model: Model) -> tuple[float, list[dict[str, float]]]:
     """Return the standard deviations of the slope and of all strengths and shapes, each with all others free.
 
     Except shapes at a value that physics expects: those are fixed in the standard deviations of all others.
+
+    Returns
+    -------
+    viscous, terms
+        Of the viscous coefficient [N m s/rad], its bound disregarded; for each term, of its parameters by name, without
+        those that are discrete.
     """
     problem = with_noise_of(problem, model.fit.residual)  # the base model's residual still contains the effects
     # The slope counts as free even at its bound: a shape that only this bound determines counts as not determined.
@@ -226,12 +212,11 @@ def spread(problem: Problem, model: Model) -> Spread:
         for j, parameter in enumerate(term.effect.strength_parameters()):
             columns.append(term.columns[:, j])
             owners.append((index, parameter.name))
-        strengths = model.strengths(index)
         for name, limits in _limits(problem, term).items():
-            slope = _derivative(problem, model, term, name, strengths, limits)
-            if slope is not None and name in _at_expected_value(term):
+            slope = _derivative(problem, model, index, name, limits)
+            if name in _at_expected_value(term):
                 at_expected[index, name] = slope
-            elif slope is not None:
+            else:
                 columns.append(slope)
                 owners.append((index, name))
     std = standard_deviations(problem, model, np.column_stack(columns))
@@ -241,13 +226,8 @@ def spread(problem: Problem, model: Model) -> Spread:
             known[index, term.effect.threshold] = _threshold_std(problem, model, index)
     for owner, slope in at_expected.items():
         known[owner] = float(standard_deviations(problem, model, np.column_stack([*columns, slope]))[-1])
-    return Spread(
-        known[-1, ""],
-        tuple(
-            {parameter.name: known.get((index, parameter.name), float("nan")) for parameter in term.effect.parameters}
-            for index, term in enumerate(model.terms)
-        ),
-    )
+    of_terms = [{name: one for (of, name), one in known.items() if of == index} for index in range(len(model.terms))]
+    return known[-1, ""], of_terms
 
 
 def _threshold_std(problem: Problem, model: Model, index: int) -> float:
@@ -259,8 +239,7 @@ def _threshold_std(problem: Problem, model: Model, index: int) -> float:
     term = model.terms[index]
     name = term.effect.threshold
     low, high = shape_limits(problem, term.effect)[name]
-    others = tuple(other for i, other in enumerate(model.terms) if i != index)
-    background = Background.of(problem, others, model.law, model.fit.jumps)
+    background = _without(problem, model, index)
 
     def criterion(at: float) -> float:
         return background.criterion_with(make_term(problem, term.effect, {**term.shape, name: at}, None))
@@ -276,18 +255,23 @@ def _threshold_std(problem: Problem, model: Model, index: int) -> float:
     lower = float(speeds[first - 1]) if first > 0 else 0.0
     upper = float(speeds[min(last, speeds.size - 1)])
     noise = max(record.speed_noise_rad_s for record in problem.records)
-    return float(np.hypot((upper - lower) / (2.0 * WIDTH), noise))
+    return float(np.hypot((upper - lower) / (2.0 * INDISTINGUISHABLE), noise))
 
 
-def described(
-    problem: Problem, term: Term, strengths: FloatArray, std: dict[str, float], parameters: tuple[Parameter, ...]
-) -> dict[str, ParameterValue]:
-    """Return the parameters of a fitted term by name, in the given order, those not determined marked as such."""
+def _without(problem: Problem, model: Model, index: int) -> Background:
+    """Return a model without one of its terms, its jumps and noise kept."""
+    others = (*model.terms[:index], *model.terms[index + 1 :])
+    return Background.of(problem, others, model.law, model.fit.jumps)
+
+
+def described(problem: Problem, model: Model, index: int) -> dict[str, ParameterValue]:
+    """Return the parameters of a fitted term by name, in the effect's order, those not determined marked as such."""
+    term, strengths, std = model.terms[index], model.strengths(index), spread(problem, model)[1][index]
     limits = shape_limits(problem, term.effect)
     names = [parameter.name for parameter in term.effect.strength_parameters()]
     fitted = dict(zip(names, zip(strengths.tolist(), term.low.tolist(), term.high.tolist(), strict=True), strict=True))
     values = {}
-    for parameter in parameters:
+    for parameter in effect_class(term.effect.name).parameters:
         name, error = parameter.name, std.get(parameter.name, float("nan"))
         if parameter.default is not None and parameter.choices == (term.shape.get(name),):
             continue  # fixed at its only choice, not fitted
@@ -312,10 +296,10 @@ def _shape_value(value: float, std: float, unit: str, limits: tuple[float, float
     if not np.isfinite(std):
         return known if known.note else replace(known, note="not determined by these data")
     if is_logarithmic(low, high):
-        factor = np.exp(min(WIDTH * std / value, 50.0))
+        factor = np.exp(min(INDISTINGUISHABLE * std / value, 50.0))
         interval = value / factor, value * factor
     else:
-        interval = value - WIDTH * std, value + WIDTH * std
+        interval = value - INDISTINGUISHABLE * std, value + INDISTINGUISHABLE * std
     if interval[0] > low and interval[1] < high:
         return ParameterValue(value, std, unit)
     as_well = f"{max(interval[0], low):.3g} to {min(interval[1], high):.3g} fit about as well"
@@ -325,10 +309,11 @@ def _shape_value(value: float, std: float, unit: str, limits: tuple[float, float
 def _limits(problem: Problem, term: Term) -> dict[str, tuple[float, float]]:
     """Return the range in which the records can identify each shape parameter; of an order, that of its peak.
 
-    A parameter of which only choices are tried has no range.
+    Without those that have no range, as where only choices are tried.
     """
     limits = shape_limits(problem, term.effect)
-    identifiable = {p.name: limits[p.name] for p in term.effect.shape_parameters() if p.between or not p.choices}
+    continuous = {p.name for p in term.effect.shape_parameters() if p.between or not p.choices}
+    identifiable = {name: (low, high) for name, (low, high) in limits.items() if name in continuous and low < high}
     if issubclass(term.effect, TorqueRipple):
         half = 0.5 / max(angle_range_turns(record.undrifted) for record in problem.records)
         identifiable[ORDER] = term.shape[ORDER] - half, term.shape[ORDER] + half
@@ -342,17 +327,14 @@ def _at_expected_value(term: Term) -> frozenset[str]:
     return frozenset(p.name for p in certain if term.shape[p.name] in p.choices)
 
 
-def _derivative(
-    problem: Problem, model: Model, term: Term, name: str, strengths: FloatArray, limits: tuple[float, float]
-) -> FloatArray | None:
-    """Return the derivative of a term's s·torque by a shape parameter; None where the record leaves it no range."""
-    low, high = limits
-    if not low < high:
-        return None
+def _derivative(problem: Problem, model: Model, index: int, name: str, limits: tuple[float, float]) -> FloatArray:
+    """Return the derivative of a term's s·torque by a shape parameter, of which a range is given."""
+    term, (low, high) = model.terms[index], limits
     value = float(term.shape[name])
     step = STEP * (value if is_logarithmic(low, high) else high - low)
     ends = max(value - step, low), min(value + step, high)
-    torque = [
-        make_term(problem, term.effect, {**term.shape, name: end}, model.fit.level).columns @ strengths for end in ends
-    ]
-    return np.asarray((torque[1] - torque[0]) / (ends[1] - ends[0]), dtype=np.float64)
+    before, after = (
+        make_term(problem, term.effect, {**term.shape, name: end}, model.fit.level).columns @ model.strengths(index)
+        for end in ends
+    )
+    return np.asarray((after - before) / (ends[1] - ends[0]))

@@ -12,7 +12,7 @@ from scipy.signal import savgol_filter
 
 from rwa_monitor.discrepancy.jump_terms import JUMP_TERMS, DelayTerm
 from rwa_monitor.discrepancy.likelihood import Series, least_gain
-from rwa_monitor.discrepancy.problem import Problem
+from rwa_monitor.discrepancy.problem import Problem, rms
 from rwa_monitor.discrepancy.result import FoundEffect
 from rwa_monitor.discrepancy.score import Background
 from rwa_monitor.discrepancy.shape_profile import middle_shape, shape_limits
@@ -158,26 +158,19 @@ def _is_law_of_speed(problem: Problem, effect: type[MeanEffect], shape: dict[str
         return False
     channels = problem.records[0].channels
     channels = replace(channels, dry_level_Nm=np.ones(len(channels)))
-    order = np.random.default_rng(0).permutation(len(channels))
-    nothing = np.zeros(len(channels))
-    moved = replace(
-        channels,
-        speed_rad_s=channels.speed_rad_s[order],
-        direction=channels.direction[order],
-        good=channels.good[order],
-        acceleration_rad_s2=nothing,
-        angle_rad=nothing,
-    )
-    here, there = effect.columns(channels, shape)[0], effect.columns(moved, shape)[0]
-    return bool(np.array_equal(np.nan_to_num(here[order]), np.nan_to_num(there)))
+    order, nothing = np.random.default_rng(0).permutation(len(channels)), np.zeros(len(channels))
+    permuted = {name: getattr(channels, name)[order] for name in ("speed_rad_s", "direction", "good")}
+    moved = replace(channels, **permuted, acceleration_rad_s2=nothing, angle_rad=nothing)
+    here, there = (np.nan_to_num(effect.columns(one, shape)[0]) for one in (channels, moved))
+    return bool(np.array_equal(here[order], there))
 
 
 def _is_law_of_time(problem: Problem, effect: type[MeanEffect], shape: dict[str, float]) -> bool:
     """Return whether an effect depends on the time itself."""
     channels = problem.records[0].channels
     later = replace(channels, time_s=channels.time_s[::-1])
-    here, there = effect.columns(channels, shape)[0], effect.columns(later, shape)[0]
-    return not np.array_equal(np.nan_to_num(here), np.nan_to_num(there))
+    here, there = (np.nan_to_num(effect.columns(one, shape)[0]) for one in (channels, later))
+    return not np.array_equal(here, there)
 
 
 # ---- formulas as candidates of the search, for what no effect of the catalogue explains, and how one is reported -----
@@ -202,8 +195,7 @@ def formulas(problem: Problem) -> list[type[MeanEffect]]:
     def is_shown(law: type[Formula]) -> bool:
         if left_out.get(law.carrier) or left_out.get(law.variable) or available(problem, law) is not None:
             return False
-        limits = shape_limits(problem, law)
-        return all(low < high for low, high in limits.values())
+        return all(low < high for low, high in shape_limits(problem, law).values())
 
     return [law for law in FORMULAS.values() if is_shown(law)]
 
@@ -235,9 +227,6 @@ def describe(term: Term, strengths: FloatArray) -> str:
 
 
 TOO_LARGE: Final = 0.3  # of the RMS of all friction: an effect detectable only above it has not been tested
-# Of the RMS of the friction where the effect acts: an effect in few samples, as drag near zero speed that is crossed
-# fast, has a small RMS however large it is there. Static friction is twice the dry in bearings, at most.
-TOO_LARGE_AT_PEAK: Final = 1.0
 
 VISIBLE: Final = 1e-12  # of a column's energy: less is rounding
 
@@ -288,7 +277,7 @@ def detectable_strengths(problem: Problem, model: Model, effects: Sequence[type[
     beside = Background.of(problem, model.terms, model.law, model.fit.jumps)
     without = beside.equations_with()
     variance = without.memory * without.rss(without.solve()[0]) / without.samples
-    friction = float(np.sqrt(np.mean(problem.z**2)))
+    friction = rms(problem.z)
     found = []
     for effect in effects:
         if effect.name in model.names or available(problem, effect) is not None:
@@ -301,7 +290,7 @@ def detectable_strengths(problem: Problem, model: Model, effects: Sequence[type[
         asked = least_gain(problem, len(model.terms)) + term.parameters * problem.log_size
         visible = energy > VISIBLE * float(gram[known, known])
         strength = float(np.sqrt(asked * variance / energy)) if visible else float("nan")
-        share = strength * float(np.sqrt(np.mean(column**2))) / friction
+        share = strength * rms(column) / friction
         beyond = not visible or strength > max(float(term.high[0]), -float(term.low[0]))
         parameter = effect.strength_parameters()[0]
         # A column that follows the level scales with friction itself: there its bounds alone say what is likely.
@@ -309,25 +298,20 @@ def detectable_strengths(problem: Problem, model: Model, effects: Sequence[type[
         peak = strength * max(float(np.max(np.abs(column))), 1.0 if parameter.unit == "N m" else 0.0)
         there = float(np.sqrt(column**2 @ problem.z**2 / max(float(column @ column), TINY)))
         peak = peak / there if there > 0 else np.inf
-        large = (share > TOO_LARGE or peak > TOO_LARGE_AT_PEAK) and not depends_on_level(effect)
+        # An effect in few samples, as drag near zero speed that is crossed fast, has a small RMS however large it is
+        # there. Static friction is twice the dry in bearings, at most.
+        large = (share > TOO_LARGE or peak > 1.0) and not depends_on_level(effect)
         found.append(Detectable(effect.name, parameter.name, strength, parameter.unit, share, peak, beyond or large))
     return found
 
 
-def not_testable(
-    problem: Problem, effects: Sequence[type[MeanEffect]], untested: Sequence[tuple[str, str]]
-) -> set[str]:
+def not_testable(problem: Problem, untested: Sequence[tuple[str, str]]) -> set[str]:
     """Return the untested effects that lack a channel or a part of the wheel file: no motion makes them observable.
 
     The others lack a motion, or jumps: these data do not excite them.
     """
-    by_name = {effect.name: effect for effect in effects}
-    return {
-        name
-        for name, missing in untested
-        if (name in by_name and available(problem, by_name[name]) is not None)
-        or missing in (FRICTION_NOT_DERIVED, NO_SYSTEMS)
-    }
+    lacking = {effect.name for effect in CANDIDATES if available(problem, effect) is not None}
+    return {name for name, missing in untested if name in lacking or missing in (FRICTION_NOT_DERIVED, NO_SYSTEMS)}
 
 
 def as_clause(sentence: str) -> str:
@@ -365,10 +349,8 @@ def untested(
     few = f"a longer record: {jumps} jumps, and a law of durations asks for {FEWEST_SOJOURNS} sojourns or more"
     if not wheel.fss:
         missing.append(("wrong_duration_law", NO_SYSTEMS))
-    elif jumps < FEWEST_SOJOURNS:
-        missing.append(("wrong_duration_law", few))
-    if jumps < FEWEST_SOJOURNS:
-        missing.append(("speed_triggered_jumps", few))
+    if jumps < FEWEST_SOJOURNS:  # of each effect, what is listed first counts
+        missing += [("wrong_duration_law", few), ("speed_triggered_jumps", few)]
     named = {name for effect in mean for name in (effect.name, *effect.equivalent)}
     listed: dict[str, str] = {}
     for name, what in missing:

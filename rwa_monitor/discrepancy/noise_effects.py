@@ -63,7 +63,7 @@ def noise_effects(
     """
     views = views_of(problem, model, turns=False)
     found: list[FoundEffect] = []
-    if any(_is_quantised(view) for view in views):
+    if any(_is_quantised(problem, view) for view in views):
         # Rounding errors are not Gaussian and follow the speed: in their presence no other noise can be judged.
         return accepted(problem, {QUANTISED: [fit_noise(problem, view, QUANTISED) for view in views]})
     if in_band:
@@ -106,14 +106,11 @@ def with_even_noise(problem: Problem, model: Model, found: Sequence[FoundEffect]
 
 def _effects_of_law(problem: Problem, model: Model) -> list[FoundEffect]:
     """Return the noise effects that the law of a model's noise contains, with the gain of each over the law without."""
-    law = model.law
-    found = []
+    law, fits = model.law, {}
     if law.correlation > 0.0:
         phi = min(law.correlation, CATALOGUE[COLOURED].parameters[0].high)
         gain = _gain_over(problem, model, replace(law, white=1.0, correlation=0.0))
-        std = float(np.sqrt((1.0 - phi**2) / problem.size))
-        coloured_fit = LikelihoodFit({"ar_coefficient": phi}, {"ar_coefficient": std}, gain, 1, problem.size)
-        found += accepted(problem, {COLOURED: [coloured_fit]})
+        fits[COLOURED] = [_coloured_fit(phi, gain, problem.size)]
     if law.growth > 0.0:
         gain = _gain_over(problem, model, replace(law, growth=0.0))
         std = curvature_std(
@@ -121,12 +118,16 @@ def _effects_of_law(problem: Problem, model: Model) -> list[FoundEffect]:
             law.growth,
             GROWTH_STEP,
         )
-        values = {parameter.name: float(parameter.default or 0.0) for parameter in CATALOGUE[SPEED].parameters}
-        values["strength_s_rad"] = float(np.expm1(law.growth)) / problem.top_speed
+        values = {**SpeedDependentNoise().values, "strength_s_rad": float(np.expm1(law.growth)) / problem.top_speed}
         errors = dict.fromkeys(values, np.nan) | {"strength_s_rad": float(np.exp(law.growth)) / problem.top_speed * std}
-        growth_fit = LikelihoodFit(values, errors, gain, 1, problem.size, OF_BAND)
-        found += accepted(problem, {SPEED: [growth_fit]})
-    return found
+        fits[SPEED] = [LikelihoodFit(values, errors, gain, 1, problem.size, OF_BAND)]
+    return accepted(problem, fits)
+
+
+def _coloured_fit(phi: float, gain: float, count: int) -> LikelihoodFit:
+    """Return the fit of AR(1) noise with a log-likelihood gain over white noise in so many samples."""
+    std = float(np.sqrt((1 - phi**2) / count))
+    return LikelihoodFit({"ar_coefficient": phi}, {"ar_coefficient": std}, gain, 1, count)
 
 
 def _gain_over(problem: Problem, model: Model, plainer: NoiseLaw) -> float:
@@ -143,7 +144,9 @@ def _whitened(problem: Problem, model: Model, views: Sequence[_View]) -> list[_V
     law = model.law
     residual = model.fit.residual + problem.z_measured - problem.z
     innovations = Series.of(problem).whitened(residual * problem.sign, law)[0][0]
-    return [replace(view, residual=values) for view, values in zip(views, on_slots(problem, innovations), strict=True)]
+    return [
+        replace(view, residual=values) for view, values in zip(views, problem.spread(innovations, np.nan), strict=True)
+    ]
 
 
 @dataclass(frozen=True, slots=True)
@@ -157,19 +160,7 @@ class _View:
     residual: FloatArray
     channels: Channels
     good: BoolArray
-    friction_is_derived: bool
     averaged: FloatArray | None = None
-
-    @property
-    def usable(self) -> BoolArray:
-        """Slots that count and have a residual."""
-        return self.good & np.isfinite(self.residual)
-
-
-def on_slots(problem: Problem, joined: FloatArray) -> list[FloatArray]:
-    """Return joined values on the slots of each record, NaN at slots that are not used."""
-    spread = zip(problem.records, problem.spread(joined), strict=True)
-    return [np.where(record.used, values, np.nan) for record, values in spread]
 
 
 def views_of(problem: Problem, model: Model, *, turns: bool = True) -> list[_View]:
@@ -178,46 +169,39 @@ def views_of(problem: Problem, model: Model, *, turns: bool = True) -> list[_Vie
     `turns`: count slots near a change of direction, too. Without, they count only where they are half of all or more:
     outliers that occur only there are friction that no law describes exactly.
     """
-    residuals = on_slots(problem, (model.fit.residual + (problem.z_measured - problem.z)) * problem.sign)
+    residuals = problem.spread((model.fit.residual + (problem.z_measured - problem.z)) * problem.sign, np.nan)
     turning = problem.to_reversal <= REVERSAL_REACH
     turning &= not turns and 2 * np.count_nonzero(turning) < problem.size
     views = []
-    for record, residual, begin, end in zip(
-        problem.records, residuals, problem.starts[:-1], problem.starts[1:], strict=True
-    ):
+    for record, residual, part in zip(problem.records, residuals, problem.parts, strict=True):
         good = record.used if record.corrected is None else record.used & ~record.corrected
         # A few far outliers are sojourns too short to be segmented; many are heavy tails.
         outlier = good & (np.abs(np.nan_to_num(residual)) > OUTLIER_AT * problem.noise.std)
         good = good & ~outlier if np.count_nonzero(outlier) <= FEW_OUTLIERS else good.copy()
-        good[problem.slot[begin:end][turning[begin:end]]] = False
-        for jump in model.fit.jumps[(model.fit.jumps >= begin) & (model.fit.jumps < end)]:
+        good[problem.slot[part][turning[part]]] = False
+        for jump in model.fit.jumps[(model.fit.jumps >= part.start) & (model.fit.jumps < part.stop)]:
             at = int(problem.slot[jump])
             good[max(at - AROUND_JUMPS, 0) : at + AROUND_JUMPS] = False
-        averaged: FloatArray | None = None
-        if record.filter_error_Nm is not None:
+        averaged = record.filter_error_Nm
+        if averaged is not None:
             known = np.where(good, residual, np.nan)
-            averaged = record.filter_error_Nm + correlate1d(known, problem.averaging_taps, mode="constant", cval=np.nan)
-        views.append(_View(residual, record.channels, good, record.friction_is_derived, averaged))
+            averaged = averaged + correlate1d(known, problem.averaging_taps, mode="constant", cval=np.nan)
+        views.append(_View(residual, record.channels, good, averaged))
     return views
 
 
-def _is_quantised(view: _View) -> bool:
+def _is_quantised(problem: Problem, view: _View) -> bool:
     """Return whether the residual of a record contains the rounding errors of a tachometer."""
-    if not view.friction_is_derived:
-        return False
-    return NOISE_EFFECTS[QUANTISED].fit(view.residual, view.channels, view.good).penalised_gain >= ACCEPT_GAIN
+    return view.averaged is not None and fit_noise(problem, view, QUANTISED).penalised_gain >= ACCEPT_GAIN
 
 
 def fit_noise(problem: Problem, view: _View, name: str) -> LikelihoodFit:
     """Fit a noise effect to a record's residual, allowing for the autocorrelation that the derivative's filter adds."""
     if name == COLOURED and view.averaged is not None:
         return coloured_beyond_filter(view.averaged, view.good, problem.averaging_taps)
-    if name == HEAVY and view.averaged is not None:
-        return NOISE_EFFECTS[HEAVY].fit(view.averaged, view.channels, view.good)
-    if name == SPEED:
-        inflation = variance_inflation(view.residual, view.good, problem.derivative_taps.size - 1)
-        return SpeedDependentNoise.fit(view.residual, view.channels, view.good, inflation)
-    return NOISE_EFFECTS[name].fit(view.residual, view.channels, view.good)
+    inflation = variance_inflation(view.residual, view.good, problem.derivative_taps.size - 1) if name == SPEED else 1.0
+    residual = view.averaged if name == HEAVY and view.averaged is not None else view.residual
+    return NOISE_EFFECTS[name].fit(residual, view.channels, view.good, inflation)
 
 
 def variance_inflation(residual: FloatArray, good: BoolArray, lags: int) -> float:
@@ -255,7 +239,7 @@ def _speed_with_tails(view: _View) -> LikelihoodFit:
     EM of K. L. Lange, R. J. A. Little, J. M. G. Taylor, JASA 84, 1989).
     """
     effect, tails = NOISE_EFFECTS[SPEED], NOISE_EFFECTS[HEAVY]
-    speed, usable = np.abs(view.channels.speed_rad_s), view.usable
+    speed, usable = np.abs(view.channels.speed_rad_s), view.good & np.isfinite(view.residual)
     count = int(usable.sum())
     if count < MIN_WHITTLE:
         return effect.nothing_found(count)
@@ -282,13 +266,12 @@ def _tail_weight(residual: FloatArray, usable: BoolArray, tails: LikelihoodFit) 
 
 def _without(view: _View, name: str, fit: LikelihoodFit) -> _View:
     """Return the view with a noise effect removed from its residual, as far as its likelihood determines it."""
-    good, values = view.good, fit.values
-    if name == COLOURED:
-        good = good & np.concatenate([[False], good[:-1]])
+    values = fit.values
+    good = view.good & np.append(False, view.good[:-1]) if name == COLOURED else view.good
 
     def remaining(residual: FloatArray) -> FloatArray:
         if name == COLOURED:
-            return residual - values["ar_coefficient"] * np.concatenate([[0.0], residual[:-1]])
+            return residual - values["ar_coefficient"] * np.append(0.0, residual[:-1])
         if name == HEAVY:
             return residual * _tail_weight(residual, view.good & np.isfinite(residual), fit)
         return residual / spread_factor(np.abs(view.channels.speed_rad_s), values) if name == SPEED else residual
@@ -342,22 +325,10 @@ def coloured_beyond_filter(residual: FloatArray, good: BoolArray, taps: FloatArr
 
     start = np.log(np.array([0.5, 0.5, 1e-5, 1e-6, 1e-6]) * scale)
     limits = [(np.log(1e-4 * scale), np.log(10 * scale))] * 2 + [(np.log(1e-9 * scale), np.log(scale))] * 3
-
-    def best(low: float, high: float) -> tuple[float, FloatArray]:
-        begin = np.append(start, 0.5 * (low + high))
-        found = optimize.minimize(loss, begin, bounds=[*limits, (low, high)])
-        return -float(found.fun), found.x
-
-    plain, _ = best(0.0, 0.0)
-    coloured, at_best = best(0.0, 0.99)
-    phi = float(at_best[5])
-    return LikelihoodFit(
-        {"ar_coefficient": phi},
-        {"ar_coefficient": float(np.sqrt((1 - phi**2) / count))},
-        max(coloured - plain, 0.0),
-        1,
-        count,
+    plain, coloured = (
+        optimize.minimize(loss, np.append(start, 0.5 * high), bounds=[*limits, (0.0, high)]) for high in (0.0, 0.99)
     )
+    return _coloured_fit(float(coloured.x[5]), max(float(plain.fun - coloured.fun), 0.0), count)
 
 
 def _expected_periodogram(usable: BoolArray, frequency: FloatArray) -> FloatArray:
@@ -426,7 +397,7 @@ class CageBursts:
 
 def cage_bursts(problem: Problem, model: Model) -> CageBursts | None:
     """Return the bursts of a cage that a model's residual contains, or None; enough samples are outside of them."""
-    if any(_is_quantised(view) for view in views_of(problem, model)):
+    if any(_is_quantised(problem, view) for view in views_of(problem, model)):
         return None  # rounding errors come and go with the acceleration
     fits, bursts, bands = [], [], []
     for record, (fitted, on) in zip(problem.records, fit_bursts_of(problem, model), strict=True):
@@ -437,12 +408,15 @@ def cage_bursts(problem: Problem, model: Model) -> CageBursts | None:
         bursts.append(binary_dilation(on, iterations=MARGIN) & shown)
         bands.append(inside & shown)
     found = accepted(problem, {CAGE: fits})
-    quiet = sum(np.count_nonzero(record.used & ~on) for record, on in zip(problem.records, bursts, strict=True))
-    return CageBursts(found[0], tuple(bursts), tuple(bands)) if found and quiet >= FEWEST_FOR_JUMPS else None
+    if not found:
+        return None
+    cage = CageBursts(found[0], tuple(bursts), tuple(bands))
+    left = sum(np.count_nonzero(record.used) for record in cage.quiet(problem.records))
+    return cage if left >= FEWEST_FOR_JUMPS else None
 
 
 def fit_bursts_of(problem: Problem, model: Model) -> list[tuple[LikelihoodFit, BoolArray]]:
     """Fit bursts to each record's friction less slope and effects: levels stay in, since they may be bursts."""
     remaining = model.fit.level + model.fit.residual + problem.z_measured - problem.z
-    views = zip(on_slots(problem, remaining * problem.sign), views_of(problem, model), strict=True)
+    views = zip(problem.spread(remaining * problem.sign, np.nan), views_of(problem, model), strict=True)
     return [CageInstability.fit_bursts(along, view.channels, view.good) for along, view in views]

@@ -17,7 +17,7 @@ import json
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cache
-from typing import Final
+from typing import Final, get_args
 
 import numpy as np
 
@@ -32,7 +32,7 @@ TABLE_FILE: Final = "nulls.json"
 TAIL: Final = 0.1  # upper share of the nulls to which the exponential is fitted
 MAX_EXTRAPOLATION: Final = 100.0  # times rarer than one of all simulated records: as far as the tail is trusted
 CHI_SQUARE_TAIL: Final = 2.0  # mean excess far in the tail of a χ²: no distribution of gains falls faster
-FAMILIES: Final = 3  # that are searched one after the other: each may give a false positive
+FAMILIES: Final = len(get_args(Family))  # that are searched one after the other: each may give a false positive
 
 
 @dataclass(frozen=True, slots=True)

@@ -9,20 +9,19 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import Final
+from typing import Final, Self
 
 import numpy as np
 from scipy.ndimage import uniform_filter1d
 
-from rwa_monitor.discrepancy.hypotheses import CANDIDATES, not_testable
+from rwa_monitor.discrepancy.hypotheses import not_testable
 from rwa_monitor.discrepancy.likelihood import ACCEPT_GAIN, NO_JUMPS, NoiseLaw
-from rwa_monitor.discrepancy.problem import ColumnCache, Problem
+from rwa_monitor.discrepancy.problem import Problem, rms
 from rwa_monitor.discrepancy.record import Record
 from rwa_monitor.discrepancy.result import Search
 from rwa_monitor.discrepancy.score import Background
 from rwa_monitor.discrepancy.shape_profile import middle_shape, profile
 from rwa_monitor.discrepancy.terms import Model, make_term
-from rwa_monitor.messages import Unexplained
 from rwa_monitor.samples import SECONDS_PER_HOUR, FloatArray, IntArray
 from rwa_monitor.simulation.motion import ORBIT_S
 from rwa_monitor.wheel.effects.base import Channels
@@ -68,6 +67,11 @@ class PlannedManoeuvre:
     worst_pair: Pair
     shows: tuple[str, ...] = ()
 
+    @classmethod
+    def of(cls, manoeuvre: Manoeuvre, separation: float, worst_pair: Pair, shows: tuple[str, ...] = ()) -> Self:
+        """Return a manoeuvre of the library with how well it separates causes."""
+        return cls(manoeuvre.name, manoeuvre.description, manoeuvre.duration_s, separation, worst_pair, shows)
+
     @property
     def nats_per_hour(self) -> float:
         """Separation per hour of flying it."""
@@ -97,41 +101,36 @@ class Manoeuvre:
     jump_at: float | None = None
 
 
-def rank_manoeuvres(
-    problem: Problem, model: Model, alternatives: Sequence[str], wheel: Wheel
-) -> list[PlannedManoeuvre]:
+def rank_manoeuvres(search: Search, alternatives: Sequence[str]) -> list[PlannedManoeuvre]:
     """Rank the library's manoeuvres by how well they separate the leading causes, best first.
 
     Parameters
     ----------
-    problem, model
-        The data and the extended model: give noise, sizes and the speed range.
+    search
+        A finished search: gives noise, sizes, sample period and the speed range.
     alternatives
         Names of the leading mean effects: those found and their equivalents. One alone is compared with the base
         model: how surely the manoeuvre would confirm it.
-    wheel
-        For sample period and limits.
     """
-    worth = {
-        manoeuvre: _separations(problem, model, laid_out, level, alternatives)
-        for manoeuvre, laid_out, level in _as_problems(problem, model, wheel)
-    }
-    pairs = {pair for of_pairs in worth.values() for pair in of_pairs}
+    worth = [
+        (manoeuvre, _separations(search, laid_out, level, alternatives))
+        for manoeuvre, laid_out, level in _as_problems(search)
+    ]
     # Pairs that no manoeuvre separates, as these channels cannot distinguish them, do not count in the ranking.
-    separable = {pair for pair in pairs if any(one.get(pair, 0.0) >= UNINFORMATIVE for one in worth.values())}
-    planned = []
-    for manoeuvre, of_pairs in worth.items():
-        left = [(separation, pair) for pair, separation in of_pairs.items() if pair in separable]
-        if left:
-            planned.append(PlannedManoeuvre(manoeuvre.name, manoeuvre.description, manoeuvre.duration_s, *min(left)))
+    separable = {pair for _, of_pairs in worth for pair, nats in of_pairs.items() if nats >= UNINFORMATIVE}
+    planned = [
+        PlannedManoeuvre.of(manoeuvre, *min((of_pairs[pair], pair) for pair in separable & of_pairs.keys()))
+        for manoeuvre, of_pairs in worth
+        if separable & of_pairs.keys()
+    ]
     return sorted(planned, key=lambda entry: -entry.separation)
 
 
 def _separations(
-    problem: Problem, model: Model, laid_out: Problem, level: FloatArray, alternatives: Sequence[str]
+    search: Search, laid_out: Problem, level: FloatArray, alternatives: Sequence[str]
 ) -> dict[Pair, float]:
     """Return the separation of each pair of causes, the smaller of both ways, or of one cause from none [nats]."""
-    torques = {cause: _expected_torque(problem, model, laid_out, cause, level) for cause in alternatives}
+    torques = {cause: _expected_torque(search, laid_out, cause, level) for cause in alternatives}
     separations: dict[Pair, float] = {}
     for cause, torque in torques.items():
         for other in torques if len(torques) > 1 else ("",):
@@ -142,39 +141,37 @@ def _separations(
     return separations
 
 
-def rank_for_untested(problem: Problem, model: Model, untested: Sequence[str], wheel: Wheel) -> list[PlannedManoeuvre]:
-    """Rank the manoeuvres by how many effects that the records could not test they would make identifiable, best first.
+def rank_for_untested(search: Search, untested: Sequence[str]) -> list[PlannedManoeuvre]:
+    """Return the manoeuvres that would make effects identifiable that the records could not test.
 
     Each effect at UNTESTED_SHARE of all friction, its shape in the middle of what the manoeuvre can identify. The
     separation is the least among the effects that are identifiable.
     """
-    size = UNTESTED_SHARE * float(np.sqrt(np.mean(problem.z**2)))
+    size = UNTESTED_SHARE * rms(search.problem.z)
     planned = []
-    for manoeuvre, laid_out, level in _as_problems(problem, model, wheel):
+    for manoeuvre, laid_out, level in _as_problems(search):
         shown = []
         for name in untested:
             effect = MEAN_EFFECTS[name]
             column = make_term(laid_out, effect, middle_shape(laid_out, effect), level).columns[:, 0]
-            rms = float(np.sqrt(np.mean(column**2)))
-            worth = _separation(laid_out, column * (size / rms), "", level) if rms > 0 else 0.0
+            of_column = rms(column)
+            worth = _separation(laid_out, column * (size / of_column), "", level) if of_column > 0 else 0.0
             if worth > DECIDES:
                 shown.append((worth, name))
         if shown:
             worth, name = min(shown)
             names = tuple(entry for _, entry in shown)
-            planned.append(
-                PlannedManoeuvre(manoeuvre.name, manoeuvre.description, manoeuvre.duration_s, worth, (name, ""), names)
-            )
-    return sorted(planned, key=lambda entry: (-len(entry.shows), -entry.separation))
+            planned.append(PlannedManoeuvre.of(manoeuvre, worth, (name, ""), names))
+    return planned
 
 
-def _as_problems(problem: Problem, model: Model, wheel: Wheel) -> Iterator[tuple[Manoeuvre, Problem, FloatArray]]:
+def _as_problems(search: Search) -> Iterator[tuple[Manoeuvre, Problem, FloatArray]]:
     """Yield each manoeuvre, as a problem, with its dry level, float64 (n,) [N m]; none that awaits a jump in vain."""
-    top, jump = float(problem.speed.max()), _typical_jump(model, wheel)
+    model, jump = search.extended, _typical_jump(search.extended, search.wheel)
     for manoeuvre in MANOEUVRES:
         if manoeuvre.jump_at is not None and jump == 0:
             continue  # neither records nor wheel file have jumps
-        laid_out = _as_problem(problem, manoeuvre, top, wheel)
+        laid_out = _as_problem(search.problem, manoeuvre, search.wheel)
         level = np.full(laid_out.size, float(np.median(model.fit.level)))
         if manoeuvre.jump_at is not None:
             level[int(manoeuvre.jump_at * laid_out.size) :] += jump
@@ -199,17 +196,15 @@ def _separation(laid_out: Problem, torque: FloatArray, alternative: str, level: 
 def _noiseless(problem: Problem, z: FloatArray, jumps: IntArray = NO_JUMPS) -> Background:
     """Return the base law for friction without noise; with some viscous drag added, which an imitation may reduce."""
     drag = float(np.max(np.abs(z))) * problem.speed / problem.top_speed
-    return Background.of(replace(problem, z=z + drag, columns=problem.columns), (), NoiseLaw(), jumps)
+    return Background.of(replace(problem, z=z + drag), (), NoiseLaw(), jumps)
 
 
-def _expected_torque(
-    problem: Problem, model: Model, laid_out: Problem, cause: str, level: FloatArray
-) -> FloatArray | None:
+def _expected_torque(search: Search, laid_out: Problem, cause: str, level: FloatArray) -> FloatArray | None:
     """Return s·torque of a cause in the manoeuvre, as strong as found, or as needed to imitate the strongest effect.
 
     None where the cause cannot imitate that effect.
     """
-    effect = MEAN_EFFECTS[cause]
+    problem, model, effect = search.problem, search.extended, MEAN_EFFECTS[cause]
     if cause in model.names:
         index = model.names.index(cause)
         return make_term(laid_out, effect, model.terms[index].shape, level).columns @ model.strengths(index)
@@ -217,7 +212,7 @@ def _expected_torque(
     known = model.terms[0].columns @ model.strengths(0)
     fitted, _ = profile(_noiseless(problem, known + model.fit.level.mean()), model.fit.level, effect)
     design = np.column_stack([np.ones(problem.size), problem.speed, fitted.columns])
-    strengths = np.clip(np.linalg.lstsq(design, known, rcond=None)[0][2:], fitted.low, fitted.high)
+    strengths = np.clip(np.linalg.lstsq(design, known)[0][2:], fitted.low, fitted.high)
     imitation = fitted.columns @ strengths
     if float(imitation @ imitation) < IMITATION_SHARE * float(known @ known):
         return None
@@ -225,19 +220,18 @@ def _expected_torque(
     return torque
 
 
-def _as_problem(problem: Problem, manoeuvre: Manoeuvre, top: float, wheel: Wheel) -> Problem:
+def _as_problem(problem: Problem, manoeuvre: Manoeuvre, wheel: Wheel) -> Problem:
     """Return the manoeuvre as a search problem: noise-free motion, zero friction, and the noise model of the record."""
     period = max(wheel.sample_period_s, manoeuvre.duration_s / MAX_SLOTS)
     time_s = np.arange(0.0, manoeuvre.duration_s, period)
-    speed = uniform_filter1d(manoeuvre.speed(time_s, top), max(int(RAMP_S / period), 1))
-    acceleration = np.gradient(speed, period)
-    inertia = wheel.inertia_kg_m2 or 0.0
+    speed = uniform_filter1d(manoeuvre.speed(time_s, problem.top_speed), max(int(RAMP_S / period), 1))
+    acceleration, direction = np.gradient(speed, period), np.sign(speed)
     drag = float(np.median(np.abs(problem.z)))
-    torque = inertia * acceleration + np.sign(speed) * drag
+    torque = (wheel.inertia_kg_m2 or 0.0) * acceleration + direction * drag
     channels = Channels(
         time_s=time_s,
         speed_rad_s=speed,
-        direction=np.sign(speed),
+        direction=direction,
         acceleration_rad_s2=acceleration,
         angle_rad=np.cumsum(speed) * period,
         motor_torque_Nm=torque,
@@ -247,7 +241,7 @@ def _as_problem(problem: Problem, manoeuvre: Manoeuvre, top: float, wheel: Wheel
         good=np.ones(time_s.size, dtype=bool),
         motor_torque_rate_Nm_s=np.gradient(torque, period),
     )
-    used = channels.direction != 0
+    used = direction != 0
     record = Record("plan", channels, np.zeros(time_s.size), used, False, 0.0)
     size = int(used.sum())
     return Problem(
@@ -256,12 +250,11 @@ def _as_problem(problem: Problem, manoeuvre: Manoeuvre, top: float, wheel: Wheel
         np.zeros(size),
         0.0,
         np.abs(speed[used]),
-        channels.direction[used],
+        direction[used],
         np.array([0, size]),
         np.flatnonzero(used),
         problem.noise,
         None,
-        ColumnCache(),
     )
 
 
@@ -270,13 +263,10 @@ def _steps(
 ) -> FloatArray:
     """Return equal dwells at the given speeds, joined by ramps of the given acceleration."""
     dwell = duration_s / len(speeds)
-    points_t, points_w = [0.0], [speeds[0]]
-    for i, target in enumerate(speeds):
-        begin = i * dwell
-        ramp = min(abs(target - points_w[-1]) / rate_rad_s2, 0.8 * dwell)
-        points_t += [begin + max(ramp, 1e-3), begin + dwell]
-        points_w += [target, target]
-    return np.interp(time_s, points_t, points_w)
+    ramps = np.clip(np.abs(np.diff(speeds, prepend=speeds[0])) / rate_rad_s2, 1e-3, 0.8 * dwell)
+    begins = dwell * np.arange(len(speeds))
+    corners = np.stack([begins + ramps, begins + dwell], axis=1)
+    return np.asarray(np.interp(time_s, corners.ravel(), np.repeat(speeds, 2)))
 
 
 MANOEUVRES: Final = (
@@ -298,11 +288,7 @@ MANOEUVRES: Final = (
     Manoeuvre(
         "reversals at two accelerations",
         "Reverse the wheel quickly and slowly in turn.",
-        lambda t, top: (
-            0.1
-            * top
-            * np.where(t < DURATION_S / 2, np.sin(2 * np.pi * t / 1200 + 0.1), np.sin(2 * np.pi * t / 150 + 0.1))
-        ),
+        lambda t, top: 0.1 * top * np.sin(2 * np.pi * t / np.where(t < DURATION_S / 2, 1200, 150) + 0.1),
     ),
     Manoeuvre(
         "coast-down",
@@ -390,7 +376,10 @@ def plan(search: Search) -> Plan:
     First the causes that the data cannot separate; else an effect that is not certain; else, or where no
     manoeuvre would confirm that, the effects that the data could not test.
     """
-    advice = [] if search.result.unexplained is None else [_advice_for(search.result.unexplained)]
+    advice, left = [], search.result.unexplained
+    if left is not None:
+        shown = next((words for word, words in SHAPE_SHOWN_BY if word in left.signature), "the same manoeuvre again")
+        advice.append(f"{left.signature}, that no effect explains: {shown}")
     mean = [effect for effect in search.result.effects if effect.name in MEAN_EFFECTS]
     sets = [
         [effect.name, *others]
@@ -400,7 +389,7 @@ def plan(search: Search) -> Plan:
     uncertain = [[effect.name] for effect in mean if effect.delta_deviance < CERTAIN]
     if sets or uncertain:
         causes = (sets or uncertain)[0]
-        manoeuvres = _worth_flying(rank_manoeuvres(search.problem, search.extended, causes, search.wheel))
+        manoeuvres = _worth_flying(rank_manoeuvres(search, causes))
         question = f"separate {' from '.join(causes)}" if sets else f"confirm {causes[0]}"
         if max((entry.separation for entry in manoeuvres), default=0.0) < DECIDES:
             would = dict.fromkeys(CATALOGUE[name].separate_by for name in causes)
@@ -408,16 +397,14 @@ def plan(search: Search) -> Plan:
             advice.append(f"{none} would {question}; what would: {' '.join(would)}")
         if manoeuvres or sets:
             return Plan(question, manoeuvres, advice)
-    untested = [name for name, _ in search.result.untested if name in MEAN_EFFECTS]
     # No manoeuvre replaces a channel that is not recorded.
-    channels = not_testable(search.problem, CANDIDATES, search.result.untested)
-    lacking = [name for name in untested if name in channels]
-    untested = [name for name in untested if name not in channels]
-    missing = dict(search.result.untested)
-    for channel in dict.fromkeys(missing[name] for name in lacking):
-        shown = ", ".join(name for name in lacking if missing[name] == channel)
+    channels = not_testable(search.problem, search.result.untested)
+    missing = {name: what for name, what in search.result.untested if name in MEAN_EFFECTS}
+    untested = [name for name in missing if name not in channels]
+    for channel in dict.fromkeys(what for name, what in missing.items() if name in channels):
+        shown = ", ".join(name for name in missing if name in channels and missing[name] == channel)
         advice.append(f"no manoeuvre shows {shown} without {channel}")
-    manoeuvres = _worth_flying(rank_for_untested(search.problem, search.extended, untested, search.wheel))
+    manoeuvres = _worth_flying(rank_for_untested(search, untested))
     if untested and not manoeuvres:
         advice.append("no manoeuvre of the library would show what these data could not test")
     if not manoeuvres and not advice:
@@ -429,8 +416,3 @@ def _worth_flying(manoeuvres: list[PlannedManoeuvre]) -> list[PlannedManoeuvre]:
     """Return the manoeuvres that separate anything, ordered by effects identified per time, then by nats per time."""
     informative = [entry for entry in manoeuvres if entry.separation >= UNINFORMATIVE]
     return sorted(informative, key=lambda entry: (-len(entry.shows) / entry.duration_s, -entry.nats_per_hour))
-
-
-def _advice_for(left: Unexplained) -> str:
-    words = next((shown for word, shown in SHAPE_SHOWN_BY if word in left.signature), "the same manoeuvre again")
-    return f"{left.signature}, that no effect explains: {words}"

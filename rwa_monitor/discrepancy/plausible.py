@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+from collections import defaultdict
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
+from itertools import chain
 from typing import Any, Final
 
 import numpy as np
 
 from rwa_monitor.errors import InputError
-from rwa_monitor.samples import TINY, BoolArray, FloatArray, Samples
+from rwa_monitor.samples import TINY, BoolArray, FloatArray, IntArray, Samples
 from rwa_monitor.wheel.effects.base import Quantity
 from rwa_monitor.wheel.effects.catalogue import mean_effects
 from rwa_monitor.wheel.torque_balance import FRICTION_CHANNELS
@@ -17,6 +19,7 @@ from rwa_monitor.wheel.wheel import Wheel
 
 # Times nominal friction: mN m read as N m are a factor of a thousand; no bearing reaches a hundred and still turns.
 WRONG_UNIT_FACTOR: Final = 100.0
+FEWEST: Final = 20  # samples at an end stop, or segments: fewer have no influence
 UNUSUAL_FACTOR: Final = 5.0  # times nominal friction: a degraded wheel, or another wheel
 
 
@@ -92,7 +95,6 @@ def remarks(samples: Samples, wheel: Wheel) -> list[str]:
 
 
 SATURATED_SHARE: Final = 0.2  # of the values at the ends of their range: more are too many to leave them out
-FEWEST_AT_END: Final = 20  # samples: fewer have no influence
 LEAST_SHARE_AT_END: Final = 0.005
 NEIGHBOURS: Final = 33  # samples: two at the end stop are a share of 6 %, where noise is cut at 1.5 standard deviations
 DISTINCT_SHARE: Final = 0.5  # of the values between the ends that are distinct: a measurement with noise
@@ -109,18 +111,17 @@ def at_end_stop(values: FloatArray, speed: FloatArray | None = None) -> BoolArra
         float64 (n,) [rad/s]. If given, a channel with no value between its extremes at many speeds is at its end stops
         throughout: friction always depends on the speed. At one speed, friction without noise may well be one value.
     """
-    stopped = np.zeros(values.size, dtype=bool)
     known = np.isfinite(values)
-    if np.count_nonzero(known) < FEWEST_AT_END:
-        return stopped
-    ends = [values == end(values[known]) for end in (np.max, np.min)]
-    between = values[known & ~ends[0] & ~ends[1]]
+    count = np.count_nonzero(known)
+    if count < FEWEST:
+        return np.zeros(values.size, dtype=bool)
+    ends = np.stack([values == end(values[known]) for end in (np.max, np.min)])
+    between = values[known & ~ends.any(axis=0)]
     if between.size == 0:
-        return known if speed is not None and np.unique(speed).size > DISTINCT_SHARE * speed.size else stopped
-    if np.unique(between).size < DISTINCT_SHARE * between.size:
-        return stopped
-    fewest = max(FEWEST_AT_END, LEAST_SHARE_AT_END * np.count_nonzero(known))
-    return np.asarray(np.any([end & (np.count_nonzero(end) >= fewest) for end in ends], axis=0))
+        return known & (speed is not None and np.unique(speed).size > DISTINCT_SHARE * speed.size)
+    is_measured = np.unique(between).size >= DISTINCT_SHARE * between.size
+    lasting = np.count_nonzero(ends, axis=1) >= max(FEWEST, LEAST_SHARE_AT_END * count)
+    return np.asarray(np.any(ends[lasting], axis=0) & is_measured)
 
 
 def without_end_stops(samples: Samples, source: str) -> Samples:
@@ -164,22 +165,18 @@ def _saturated(samples: Samples) -> Iterator[tuple[str, FloatArray, BoolArray]]:
 # slope over the speed implies the same, but a bearing may have changed: that raises a question, and is no refusal.
 
 
-FEWEST_SEGMENTS: Final = 20  # segments
 SEGMENTS: Final = 200  # segments of a record
 LEAST_SLOTS: Final = 8  # of a segment
 SAME_WITHIN: Final = 0.05  # of a ratio of units: 10 for 9.55 is an inertia with its point misplaced, reported as well
 STANDARD_ERRORS: Final = 3.0
 KNOWN_WITHIN: Final = 0.1  # of a value: if STANDARD_ERRORS standard errors are more, it raises no question
-RPM: Final = 30.0 / np.pi  # revolutions a minute in one rad/s
-DEGREES: Final = 180.0 / np.pi  # in a radian
 # Implied inertia over that of the wheel file, by what the column of the speed contains.
 SPEED_UNITS: Final = (
-    (1.0 / RPM, "in rpm"),
-    (RPM, "converted twice from rpm"),
-    (1.0 / DEGREES, "in degrees per second"),
+    (np.pi / 30.0, "in rpm"),
+    (30.0 / np.pi, "converted twice from rpm"),
+    (np.pi / 180.0, "in degrees per second"),
     (2.0 * np.pi, "in revolutions per second"),
 )
-MILLI: Final = 1e3
 
 
 @dataclass(frozen=True, slots=True)
@@ -206,18 +203,21 @@ def implied_inertia(speed_rad_s: FloatArray, torque_Nm: FloatArray, sample_perio
     sample_period_s
         Width of a slot [s].
     """
-    width = max(speed_rad_s.size // SEGMENTS, LEAST_SLOTS)
-    cuts = np.arange(0, speed_rad_s.size, width)
+    cuts = _segments(speed_rad_s.size)
 
     def impulses(values: FloatArray) -> FloatArray:
         halves = sample_period_s * 0.5 * (values[1:] + values[:-1])
         return np.asarray(np.add.reduceat(halves[: cuts[-1]], cuts[:-1]))
 
     drag = [impulses(column) for column in (np.sign(speed_rad_s), speed_rad_s)]
-    duration = np.full(cuts.size - 1, width * sample_period_s)
-    rows = np.column_stack([np.diff(speed_rad_s[cuts]), *drag, duration, impulses(torque_Nm)])
+    rows = np.column_stack([np.diff(speed_rad_s[cuts]), *drag, np.diff(cuts) * sample_period_s, impulses(torque_Nm)])
     rows = rows[np.isfinite(rows).all(axis=1)]
-    return ImpliedValue(*first_slope(rows[:, :-1], rows[:, -1])) if len(rows) >= FEWEST_SEGMENTS else None
+    return ImpliedValue(*first_slope(rows[:, :-1], rows[:, -1])) if len(rows) >= FEWEST else None
+
+
+def _segments(slots: int) -> IntArray:
+    """Return the first slot of each segment, the last of which may be shorter."""
+    return np.arange(0, slots, max(slots // SEGMENTS, LEAST_SLOTS))
 
 
 def check_inertia(
@@ -242,15 +242,14 @@ def check_inertia(
     stated, shown = wheel.inertia_kg_m2, implied_inertia(speed_rad_s, torque_Nm, wheel.sample_period_s)
     if stated is None or shown is None:
         return
-    of_torque = (MILLI, "in mA" if torque_channel.endswith("_A") else "in mN m"), (-1.0, "of the opposite sign")
+    of_torque = (1e3, "in mA" if torque_channel.endswith("_A") else "in mN m"), (-1.0, "of the opposite sign")
     for suspect in (*SPEED_UNITS, *of_torque):
         if shown.is_about(suspect[0] * stated):
-            raise InputError(
-                source,
+            what = (
                 f"speed and torque show an inertia of {shown.value:.4g} ± {shown.std:.1g} kg m²,"
-                f" {shown.value / stated:.4g} times inertia_kg_m2 of the wheel file; is it {suspect[1]}?",
-                torque_channel if suspect in of_torque else "speed_rad_s",
+                f" {shown.value / stated:.4g} times inertia_kg_m2 of the wheel file; is it {suspect[1]}?"
             )
+            raise InputError(source, what, torque_channel if suspect in of_torque else "speed_rad_s")
 
 
 def ask_speed_unit(viscous: ImpliedValue, nominal_Nm_s_rad: float) -> str | None:
@@ -360,22 +359,45 @@ def measured_constants(samples: Samples, wheel: Wheel) -> tuple[MeasuredConstant
     wheel
         Its constants as stated; what it lacks is not compared.
     """
-    found = []
-    for quantity, unit, stated, channel, rows, target in _laws(samples, wheel):
-        known = np.isfinite(rows).all(axis=1) & np.isfinite(target)
-        if np.count_nonzero(known) >= FEWEST_SEGMENTS:
-            shown, std = first_slope(rows[known], target[known])
-            found.append(MeasuredConstant(quantity, unit, stated, channel, shown, std))
+    found: list[MeasuredConstant] = []
+    cuts, speed, current = _segments(len(samples)), samples.speed_rad_s, samples.motor_current_A
+    one, ratio = np.ones(len(samples)), wheel.gear_ratio or 1.0
+
+    def means(*columns: FloatArray) -> FloatArray:
+        sums = np.add.reduceat(np.stack(columns, axis=1), cuts)
+        return np.asarray(sums / np.diff(cuts, append=len(samples))[:, None])
+
+    def add(constant: tuple[Quantity, str, float], channel: str, rows: FloatArray, response: FloatArray) -> None:
+        """Add the constant, the coefficient of the first regressor of the response of a channel, if it is known."""
+        known = np.isfinite(rows).all(axis=1) & np.isfinite(response)
+        if np.count_nonzero(known) >= FEWEST:
+            found.append(MeasuredConstant(*constant, channel, *first_slope(rows[known], response[known])))
+
+    errors = {effect.error_of: next(iter(effect.values.values())) for effect in mean_effects(wheel)}
+    stated = wheel.back_emf_constant_V_s_rad or wheel.torque_constant_Nm_A  # one number in SI units
+    voltage, power, momentum = samples.motor_voltage_V, samples.drive_power_W, samples.body_momentum_Nms
+    if current is not None and stated is not None:
+        of_motor: tuple[Quantity, str, float]
+        of_motor = "torque constant", "N m/A", stated * (1.0 - errors.get("torque constant", 0.0))
+        if voltage is not None:  # V = R·I + K_E·ω + V_0
+            add(of_motor, "motor_voltage_V", means(ratio * speed, current, one), means(voltage)[:, 0])
+        if power is not None:  # P = P_0 + R·I² + K_T·I·ω
+            add(of_motor, "drive_power_W", means(ratio * current * speed, current**2, one), means(power)[:, 0])
+    if momentum is not None and wheel.inertia_kg_m2 is not None:  # Δh = -J·Δω + T·Δt, other torques T drift
+        time = (samples.time_ns - samples.time_ns[0])[cuts] * 1e-9
+        step = np.diff(time)
+        rows = np.stack([np.diff(speed[cuts]), step, step * time[1:]], axis=1)
+        stated = wheel.inertia_kg_m2 + errors.get("inertia", 0.0)
+        add(("inertia", "kg m²", stated), "body_momentum_Nms", rows, -np.diff(momentum[cuts]))
     return tuple(found)
 
 
 def combined(per_record: Iterable[tuple[MeasuredConstant, ...]]) -> tuple[MeasuredConstant, ...]:
     """Return the constants that several recordings give, per channel: means by noise; the gain's error is in common."""
-    of_channel: dict[str, list[MeasuredConstant]] = {}
-    for constants in per_record:
-        for one in constants:
-            if one.is_used:
-                of_channel.setdefault(one.channel, []).append(one)
+    of_channel = defaultdict[str, list[MeasuredConstant]](list)
+    for one in chain.from_iterable(per_record):
+        if one.is_used:
+            of_channel[one.channel].append(one)
     together = []
     for several in of_channel.values():
         least = np.finfo(np.float64).eps  # a simulation may have no noise
@@ -383,37 +405,3 @@ def combined(per_record: Iterable[tuple[MeasuredConstant, ...]]) -> tuple[Measur
         shown, std = float(weights @ [one.measured for one in several] / weights.sum()), float(weights.sum() ** -0.5)
         together.append(replace(several[0], measured=shown, std=std))
     return tuple(together)
-
-
-Law = tuple[Quantity, str, float, str, FloatArray, FloatArray]
-
-
-def _laws(samples: Samples, wheel: Wheel) -> Iterator[Law]:
-    """Yield quantity, unit, stated constant, channel, regressors with the constant's column first, and the response."""
-    width = max(len(samples) // SEGMENTS, LEAST_SLOTS)
-    cuts = np.arange(0, len(samples), width)
-    if cuts.size < FEWEST_SEGMENTS:
-        return
-    speed, current, ratio = samples.speed_rad_s, samples.motor_current_A, wheel.gear_ratio or 1.0
-
-    def means(*columns: FloatArray) -> FloatArray:
-        sums = np.stack([np.add.reduceat(column, cuts) for column in columns], axis=1)
-        return np.asarray(sums / np.diff(cuts, append=len(samples))[:, None])
-
-    one, voltage, power = np.ones(len(samples)), samples.motor_voltage_V, samples.drive_power_W
-    known = {effect.error_of: next(iter(effect.values.values())) for effect in mean_effects(wheel)}
-    constant = wheel.back_emf_constant_V_s_rad or wheel.torque_constant_Nm_A  # one number in SI units
-    if current is not None and constant is not None:
-        stated = constant * (1.0 - known.get("torque constant", 0.0))
-        of_motor: tuple[Quantity, str, float] = "torque constant", "N m/A", stated
-        if voltage is not None:  # V = R·I + K_E·ω + V_0
-            yield *of_motor, "motor_voltage_V", means(ratio * speed, current, one), means(voltage)[:, 0]
-        if power is not None:  # P = P_0 + R·I² + K_T·I·ω
-            yield *of_motor, "drive_power_W", means(ratio * current * speed, current**2, one), means(power)[:, 0]
-    momentum = samples.body_momentum_Nms
-    if momentum is not None and wheel.inertia_kg_m2 is not None:  # Δh = -J·Δω + T·Δt, other torques T drift
-        time = (samples.time_ns - samples.time_ns[0])[cuts] * 1e-9
-        step = np.diff(time)
-        rows = np.stack([np.diff(speed[cuts]), step, step * time[1:]], axis=1)
-        stated = wheel.inertia_kg_m2 + known.get("inertia", 0.0)
-        yield "inertia", "kg m²", stated, "body_momentum_Nms", rows, -np.diff(momentum[cuts])

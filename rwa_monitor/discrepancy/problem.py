@@ -9,7 +9,9 @@ from __future__ import annotations
 from collections.abc import Callable, Hashable, Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any, Final, Protocol, TypeVar
+from itertools import pairwise
+from operator import is_
+from typing import Any, Final, Protocol, TypeVar, cast
 
 import numpy as np
 from scipy.ndimage import maximum_filter1d, median_filter
@@ -37,14 +39,11 @@ class Noise:
     ----------
     std
         Standard deviation of one sample [N m].
-    autocovariance
-        float64 (MAX_LAG + 1,) at lags 0, 1, …; exactly zero beyond the last significant lag [N² m²].
     long_run_variance
         Largest variance of a mean of m samples, times m, over all m up to MAX_LAG [N² m²]; std² for white noise.
     """
 
     std: float
-    autocovariance: FloatArray
     long_run_variance: float
 
 
@@ -53,7 +52,7 @@ def estimate_noise(pieces: Sequence[FloatArray]) -> Noise:
 
     γ comes from medians of absolute differences: a jump affects only h of n of them, and a slow effect changes little
     over a few slots. The sill (γ at the longest lags) is the variance, and sill - γ(h) the autocovariance (Cressie &
-    Hawkins 1980 on robust variograms).
+    Hawkins 1980 on robust variograms); beyond the last significant lag it is set to zero.
 
     Parameters
     ----------
@@ -69,9 +68,12 @@ def estimate_noise(pieces: Sequence[FloatArray]) -> Noise:
         return float(0.5 * (np.median(np.abs(differences)) / MEDIAN_OF_ABSOLUTE_NORMAL) ** 2)
 
     gamma = np.array([half_variance(lag) for lag in range(1, most + 1)])
-    # Medians ignore heavy tails: their share of the variance is estimated from differences of neighbours, of which a
-    # jump affects only one.
-    gamma *= tail_factor(np.concatenate([np.diff(piece) for piece in pieces]))
+    # Medians ignore heavy tails: their share of the variance is the ratio of the winsorised variance to that implied by
+    # the median, of differences of neighbours, of which a jump affects only one.
+    steps = np.concatenate([np.diff(piece) for piece in pieces])
+    scale = float(np.median(np.abs(steps))) / MEDIAN_OF_ABSOLUTE_NORMAL
+    if scale > 0.0:
+        gamma *= float(np.mean(np.clip(steps / scale, -CLIP_AT, CLIP_AT) ** 2))
     # Where slow waves remain, differences over long lags exceed the variance of the values themselves.
     spread = float(np.mean(np.concatenate([piece - piece.mean() for piece in pieces]) ** 2))
     sill = min(float(np.median(gamma[-max(most // 4, 1) :])), spread)
@@ -80,7 +82,7 @@ def estimate_noise(pieces: Sequence[FloatArray]) -> Noise:
     stands_out = np.flatnonzero(np.abs(covariance[: most + 1]) > 4.0 * 1.65 * np.sqrt(2.0 / size) * sill)
     apart = np.diff(stands_out, prepend=0, append=np.inf) > LONGEST_QUIET
     covariance[int(np.append(0, stands_out)[np.argmax(apart)]) + 1 :] = 0.0
-    return Noise(max(float(np.sqrt(sill)), TINY), covariance, max(long_run_variance(covariance), TINY))
+    return Noise(max(float(np.sqrt(sill)), TINY), max(long_run_variance(covariance), TINY))
 
 
 def long_run_variance(covariance: FloatArray) -> float:
@@ -90,13 +92,9 @@ def long_run_variance(covariance: FloatArray) -> float:
     return max(float(covariance[0] + 2 * np.sum(np.clip(1 - h / m, 0, None) * covariance[1:])) for m in means)
 
 
-def tail_factor(values: FloatArray) -> float:
-    """Return the ratio of the winsorised variance to that implied by the median of |values|; 1 for Gaussian values."""
-    scale = float(np.median(np.abs(values))) / MEDIAN_OF_ABSOLUTE_NORMAL
-    if scale <= 0:
-        return 1.0
-    clipped = np.clip(values / scale, -CLIP_AT, CLIP_AT)
-    return float(np.mean(clipped**2))
+def rms(values: FloatArray) -> float:
+    """Return the root mean square."""
+    return float(np.sqrt(np.mean(values**2)))
 
 
 def clip_outliers(values: FloatArray, std: float) -> tuple[FloatArray, BoolArray]:
@@ -168,17 +166,16 @@ class RecentCache:
 
     def __init__(self) -> None:
         # The tuple is replaced as a whole: of two values added at once by two threads, at most one is lost.
-        self._values: tuple[tuple[tuple[object, ...], Hashable, Any], ...] = ()
+        self._values: tuple[tuple[tuple[object, ...], Any], ...] = ()
 
-    def get(self, objects: tuple[object, ...], key: Hashable, make: Callable[[], Value]) -> Value:
-        """Return the cached value for this key and these objects, compared by identity, or a new one from `make`."""
-        for known, of_known, kept in self._values:
-            if of_known == key and all(one is other for one, other in zip(known, objects, strict=True)):
-                same: Value = kept
-                return same
-        value = make()
-        self._values = (*self._values, (objects, key, value))[-RECENT:]
-        return value
+    def get(self, objects: tuple[object, ...], make: Callable[[], Value]) -> Value:
+        """Return the cached value for these objects, compared by identity, or a new one from `make`."""
+        for known, value in self._values:
+            if all(map(is_, known, objects)):
+                return cast("Value", value)
+        made = make()
+        self._values = (*self._values, (objects, made))[-RECENT:]
+        return made
 
 
 # ---- the data that a search works on ---------------------------------------------------------------------------------
@@ -245,6 +242,11 @@ class Problem:
     lowest_viscous: float = -np.inf
 
     @cached_property
+    def parts(self) -> list[slice]:
+        """The joined samples of each record."""
+        return [slice(begin, end) for begin, end in pairwise(self.starts.tolist())]
+
+    @cached_property
     def top_speed(self) -> float:
         """The largest speed [rad/s]."""
         return float(self.speed.max(initial=0.0))
@@ -278,13 +280,10 @@ class Problem:
     @cached_property
     def to_reversal(self) -> IntArray:
         """Distance of each sample from the first one after the nearest change of direction [samples], int64 (n,)."""
-        reversal = np.flatnonzero(np.diff(self.sign) != 0) + 1
-        if reversal.size == 0:
-            return np.full(self.size, self.size, dtype=np.int64)
-        at = np.arange(self.size)
+        far, at = self.size, np.arange(self.size)
+        reversal = np.concatenate([[-far], np.flatnonzero(np.diff(self.sign) != 0) + 1, [2 * far]])
         after = np.searchsorted(reversal, at)
-        before = np.abs(at - reversal[np.maximum(after - 1, 0)])
-        return np.asarray(np.minimum(before, np.abs(reversal[np.minimum(after, reversal.size - 1)] - at)))
+        return np.asarray(np.minimum(np.minimum(at - reversal[after - 1], reversal[after] - at), far))
 
     def with_empty_caches(self) -> Problem:
         """Return the same data with new caches, for objects that are themselves kept in a cache of this problem.
@@ -321,7 +320,7 @@ class Problem:
     @property
     def smallest_noise_Nm(self) -> float:
         """Return the standard deviation below which noise is rounding of the table [N m]."""
-        return ROUNDING * float(np.sqrt(np.mean(self.z_measured**2)))
+        return ROUNDING * rms(self.z_measured)
 
     @property
     def has_noise(self) -> bool:
@@ -335,16 +334,20 @@ class Problem:
 
     def gather(self, per_record: Sequence[FloatArray]) -> FloatArray:
         """Take the used slots of arrays over the slots of each record, and join them."""
-        borders = zip(per_record, self.starts[:-1], self.starts[1:], strict=True)
-        used = [np.take(values, self.slot[begin:end], axis=0) for values, begin, end in borders]
+        used = [np.take(values, self.slot[part], axis=0) for values, part in zip(per_record, self.parts, strict=True)]
         return used[0] if len(used) == 1 else np.concatenate(used)
 
-    def spread(self, joined: FloatArray) -> list[FloatArray]:
-        """Return joined values on each record's slots; unused slots hold the previous used value."""
+    def spread(self, joined: FloatArray, unused: float | None = None) -> list[FloatArray]:
+        """Return joined values on each record's slots; slots that are not used hold `unused`.
+
+        None: they hold the previous used value.
+        """
         out = []
-        for record, begin, end in zip(self.records, self.starts[:-1], self.starts[1:], strict=True):
-            values = np.full(record.used.size, np.nan)
-            if end > begin:
-                values = joined[begin:end][np.maximum(np.cumsum(record.used) - 1, 0)]
+        for record, part in zip(self.records, self.parts, strict=True):
+            values = np.full(record.used.size, np.nan if unused is None else unused)
+            if unused is not None:
+                values[record.used] = joined[part]
+            elif record.used.any():
+                values = joined[part][np.maximum(np.cumsum(record.used) - 1, 0)]
             out.append(values)
         return out

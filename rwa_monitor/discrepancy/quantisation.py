@@ -26,7 +26,7 @@ from rwa_monitor.discrepancy.base_fit import Fit, fit, make_problem, strong_leve
 from rwa_monitor.discrepancy.fitting import Fitting
 from rwa_monitor.discrepancy.problem import Problem
 from rwa_monitor.discrepancy.record import Record
-from rwa_monitor.discrepancy.terms import SearchResult
+from rwa_monitor.discrepancy.terms import SearchResult, nested_to
 from rwa_monitor.samples import FloatArray
 from rwa_monitor.wheel.effects.tachometer import quantisation_step
 from rwa_monitor.wheel.wheel import Wheel
@@ -51,17 +51,19 @@ def without_steps(records: Sequence[Record], wheel: Wheel) -> list[Record]:
         As `make_problem` does.
     """
     records = [record if _may_matter(record) else replace(record, steps=None) for record in records]
-    if not any(record.torque_step_Nm > 0.0 for record in records):
+    if not any(record.steps for record in records):
         return records
     spread = [
         replace(record, friction_torque_Nm=record.friction_torque_Nm + record.torque_step_Nm * (u - 0.5))
         for record, u in zip(records, _uniform(records), strict=True)
     ]
     variance = make_problem(spread, wheel).noise.std ** 2  # includes that of two rounding errors
-    steps = [record.torque_step_Nm for record in records]
-    coarse = [step > COARSE * np.sqrt(max(variance - step**2 / 6.0, 0.0)) for step in steps]
-    kept = [record if of_one else replace(record, steps=None) for record, of_one in zip(records, coarse, strict=True)]
-    if not any(coarse):
+
+    def is_coarse(step: float) -> bool:
+        return step > COARSE * float(np.sqrt(max(variance - step**2 / 6.0, 0.0)))
+
+    kept = [one if is_coarse(one.torque_step_Nm) else replace(one, steps=None) for one in records]
+    if not any(record.steps for record in kept):
         return kept
     problem = make_problem(kept, wheel)
     problem = replace(problem, z=problem.z_measured)
@@ -86,9 +88,7 @@ def redrawn(problem: Problem, model: Fit, again: Callable[[Problem], Fit]) -> li
     again
         Fits that model to a problem with other draws.
     """
-    if not any(record.torque_step_Nm > 0.0 for record in problem.records):
-        return None
-    return _drawn(problem, model, again)
+    return _drawn(problem, model, again) if any(record.steps for record in problem.records) else None
 
 
 def _predicted(problem: Problem, model: Fit) -> FloatArray:
@@ -153,28 +153,23 @@ MISSING: Final = "a tachometer with finer steps: the speed stands on one reading
 
 def without_rounding(problem: Problem, found: SearchResult) -> SearchResult:
     """Withdraw the effects that coarse rounding errors mimic, and those found after them; they become untestable."""
-    if not any(_is_coarse(problem, index) for index in range(len(problem.records))):
-        return found
     model = found.nested[-1]
     follows = [term.effect.follows_acceleration for term in model.terms]
-    if not any(follows):
+    if not any(follows) or not any(map(_is_coarse, problem.records)):
         return found
     kept = model.terms[: follows.index(True)]  # later effects were judged given a wrong one
     withdrawn = tuple((term.effect.name, MISSING) for term in model.terms[len(kept) :])
     reduced = Fitting(problem, jumps=bool(model.fit.jumps.size)).refitted(kept, model) if kept else found.nested[0]
-    names = {term.effect.name for term in kept}
-    shorter = (m for m in found.nested if set(m.names) <= names and len(m.terms) < len(kept))
     return replace(
         found,
-        nested=(*shorter, reduced),
-        found=tuple(entry for entry in found.found if entry.name in names),
+        nested=nested_to(reduced, found.nested),
+        found=tuple(entry for entry in found.found if entry.name in reduced.names),
         untestable=(*found.untestable, *withdrawn),
     )
 
 
-def _is_coarse(problem: Problem, index: int) -> bool:
+def _is_coarse(record: Record) -> bool:
     """Return whether friction is derived by a filter within which the speed mostly crosses less than one step."""
-    record = problem.records[index]
     step = quantisation_step(record.channels.speed_rad_s[np.isfinite(record.channels.speed_rad_s)])
     if not record.friction_is_derived or step is None:
         return False

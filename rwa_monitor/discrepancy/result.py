@@ -176,7 +176,7 @@ class NestedModel:
     log_score
         Mean log density per sample [nats].
     gain, gain_half
-        Gain over the model before, and half of its 95 % interval by the spread over blocks [nats per sample]; None for
+        Gain over the model before, and half of its 95 % interval by the spread over blocks [nats per sample]; zero for
         the first.
     total, total_half
         The same over the first model.
@@ -188,25 +188,23 @@ class NestedModel:
     rmse_Nm: float
     excess_Nm: float
     log_score: float
-    gain: float | None
-    gain_half: float | None
+    gain: float
+    gain_half: float
     total: float
-    total_half: float | None
+    total_half: float
     jumps: int
 
 
 def nested_models(search: Search) -> list[NestedModel]:
     """Return the nested models with held-out gains; intervals from the spread over held-out blocks."""
     nested: list[NestedModel] = []
-    noise = search.problem.noise.std
     blocks = [score.block_log_scores for score in search.scores]
     for i, (model, score) in enumerate(zip(search.mean.nested, search.scores, strict=True)):
-        excess = float(np.sqrt(max(score.rmse_Nm**2 - noise**2, 0.0)))
+        excess = float(np.sqrt(max(score.rmse_Nm**2 - search.problem.noise.std**2, 0.0)))
         name = f"+ {model.names[-1]}" if i else "simulation as it is"
-        of_gain: tuple[float | None, float | None] = _with_interval(blocks[i] - blocks[i - 1]) if i else (None, None)
-        of_total: tuple[float, float | None] = _with_interval(blocks[i] - blocks[0]) if i else (0.0, None)
+        gain, total = (_with_interval(blocks[i] - before) for before in (blocks[max(i - 1, 0)], blocks[0]))
         jumps = int(model.fit.jumps.size)
-        nested.append(NestedModel(name, score.rmse_Nm, excess, score.log_score, *of_gain, *of_total, jumps))
+        nested.append(NestedModel(name, score.rmse_Nm, excess, score.log_score, *gain, *total, jumps))
     return nested
 
 

@@ -8,11 +8,13 @@ from __future__ import annotations
 import itertools
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cache
 from typing import Any, Final
 
 import numpy as np
 from scipy import optimize
 
+from rwa_monitor.discrepancy.likelihood import SETTLED
 from rwa_monitor.discrepancy.problem import Problem
 from rwa_monitor.discrepancy.score import Background
 from rwa_monitor.discrepancy.terms import Term, make_term
@@ -22,7 +24,6 @@ from rwa_monitor.wheel.effects.base import MeanEffect, Parameter
 FEW_CHOICES: Final = 3  # of a discrete shape parameter: up to so many are all tried again in each refinement
 GRID_POINTS: Final = 9  # per continuous shape parameter; the profile is then refined between neighbours
 EVALUATIONS: Final = 20  # in a refinement, per continuous shape parameter; models are refitted several times
-SETTLED: Final = 0.1  # tolerance of the criterion
 LOG_SPACING_FROM: Final = 8.0  # ratio of bounds above which the values of a shape parameter are spaced logarithmically
 
 
@@ -41,23 +42,24 @@ def profile(
     term, criterion
         The effect at its best shape, and the criterion there.
     """
-    problem, axes = background.problem, _axes(background.problem, effect, around)
+    problem = background.problem
+    limits, reach = shape_limits(problem, effect), reach_between(problem, effect)
+    axes = [_axis(one, *limits[one.name], around, reach.get(one.name, 0.0)) for one in effect.shape_parameters()]
     grid = dict.fromkeys(itertools.product(*(axis.points for axis in axes)))
-    again = grid if around is None else {}  # cached: the same for every model, as other shapes are not
-    cache: dict[tuple[float, ...], tuple[Term, float]] = {}
+    again = grid if around is None else {}  # kept: the same for every model, as other shapes are not
 
+    @cache
     def evaluate(values: tuple[float, ...]) -> tuple[Term, float]:
-        if values not in cache:
-            shape = {axis.name: value for axis, value in zip(axes, values, strict=True)}
-            term = make_term(problem, effect, shape, level, keep=values in again)
-            cache[values] = term, background.criterion_with(term)
-        return cache[values]
+        shape = {axis.name: value for axis, value in zip(axes, values, strict=True)}
+        term = make_term(problem, effect, shape, level, keep=values in again)
+        return term, background.criterion_with(term)
 
-    best = min(grid, key=lambda values: evaluate(values)[1])
+    def cost(values: tuple[float, ...]) -> float:
+        return evaluate(values)[1]
+
+    best = min(grid, key=cost)
     continuous = [i for i, axis in enumerate(axes) if axis.refine and len(axis.points) > 1]
-    if continuous:
-        best = _refine(axes, continuous, best, lambda values: evaluate(values)[1])
-    return evaluate(best)
+    return evaluate(_refine(axes, continuous, best, cost) if continuous else best)
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,8 +68,8 @@ class _Axis:
 
     name: str
     points: tuple[float, ...]
-    refine: bool
-    logarithmic: bool
+    refine: bool = False
+    logarithmic: bool = False
 
     def scale(self, value: float) -> float:
         """Return a value on the scale of the refinement."""
@@ -81,12 +83,8 @@ class _Axis:
 
 def shape_limits(problem: Problem, effect: type[MeanEffect]) -> dict[str, tuple[float, float]]:
     """Return the range of each shape parameter, from the lowest to the highest that any record can resolve."""
-    bounds: dict[str, tuple[float, float]] = {}
-    for record in problem.records:
-        for name, (low, high) in effect.shape_bounds(record.channels).items():
-            old = bounds.get(name, (low, high))
-            bounds[name] = (min(low, old[0]), max(high, old[1]))
-    return bounds
+    bounds = [effect.shape_bounds(record.channels) for record in problem.records]
+    return {name: (min(one[name][0] for one in bounds), max(one[name][1] for one in bounds)) for name in bounds[0]}
 
 
 def reach_between(problem: Problem, effect: type[MeanEffect]) -> dict[str, float]:
@@ -101,38 +99,25 @@ def is_logarithmic(low: float, high: float) -> bool:
     return low > 0 and high / low > LOG_SPACING_FROM
 
 
-def _axes(problem: Problem, effect: type[MeanEffect], around: Term | None) -> list[_Axis]:
-    bounds = shape_limits(problem, effect)
-    reach = reach_between(problem, effect)
-    return [
-        _axis(parameter, *bounds[parameter.name], around, reach.get(parameter.name, 0.0))
-        for parameter in effect.shape_parameters()
-    ]
-
-
 def _axis(parameter: Parameter, low: float, high: float, around: Term | None, reach: float) -> _Axis:
-    if around is not None and reach > 0.0:
-        centre = around.shape[parameter.name]
-        points = (max(centre - reach, low), centre, min(centre + reach, high))
-        usual = [choice for choice in parameter.choices if points[0] < choice < points[2]]
-        return _Axis(parameter.name, tuple(sorted({*points, *usual})), True, False)
-    if parameter.choices:
-        if reach > 0.0 and len(parameter.choices) == 1:  # no slope may lead from it to a far optimum
-            (known,) = parameter.choices
-            return _Axis(parameter.name, tuple(sorted({known, min(known + reach, high)})), False, False)
-        shown = tuple(choice for choice in parameter.choices if low <= choice <= high) or (high,)
-        if around is not None and (len(parameter.choices) > FEW_CHOICES or around.shape[parameter.name] not in shown):
-            shown = (around.shape[parameter.name],)
-        return _Axis(parameter.name, shown, False, False)
+    name, choices = parameter.name, parameter.choices
+    centre = None if around is None else around.shape[name]
+    if centre is not None and reach > 0.0:
+        first, last = max(centre - reach, low), min(centre + reach, high)
+        usual = [choice for choice in choices if first < choice < last]
+        return _Axis(name, tuple(sorted({first, centre, last, *usual})), refine=True)
+    if choices:
+        if reach > 0.0 and len(choices) == 1:  # no slope may lead from it to a far optimum
+            return _Axis(name, tuple(sorted({*choices, min(choices[0] + reach, high)})))
+        shown = tuple(choice for choice in choices if low <= choice <= high) or (high,)
+        return _Axis(name, shown if centre is None or (len(choices) <= FEW_CHOICES and centre in shown) else (centre,))
     if not low < high:
-        return _Axis(parameter.name, (low,), False, False)
+        return _Axis(name, (low,))
     logarithmic = is_logarithmic(low, high)
     grid = np.geomspace(low, high, GRID_POINTS) if logarithmic else np.linspace(low, high, GRID_POINTS)
-    if around is not None:
-        centre = around.shape[parameter.name]
-        neighbours = [*grid[grid < centre][-1:], *grid[grid > centre][:1]]
-        grid = np.unique([*neighbours, centre])
-    return _Axis(parameter.name, tuple(float(p) for p in grid), True, logarithmic)
+    if centre is not None:
+        grid = np.unique([*grid[grid < centre][-1:], centre, *grid[grid > centre][:1]])
+    return _Axis(name, tuple(grid.tolist()), True, logarithmic)
 
 
 def _refine(

@@ -21,7 +21,7 @@ from rwa_monitor.changepoints.stage_results import UNATTRIBUTED, Assignment, Evi
 from rwa_monitor.discrepancy.base_fit import REVERSAL
 from rwa_monitor.discrepancy.fitting import EQUIVALENT_WITHIN, SETTLED
 from rwa_monitor.discrepancy.likelihood import ROUNDS
-from rwa_monitor.discrepancy.noise_effects import accepted, on_slots
+from rwa_monitor.discrepancy.noise_effects import accepted
 from rwa_monitor.discrepancy.problem import Problem
 from rwa_monitor.discrepancy.result import FoundEffect
 from rwa_monitor.discrepancy.terms import Model
@@ -124,7 +124,7 @@ def _gather(problem: Problem, model: Model, plain: Wheel, index: int, hidden: Bo
     """Return the diagnosis's evidence from the friction less the model's effects, hidden samples left out."""
     record = problem.records[index]
     base = model.fit.level + model.fit.residual + model.fit.coefficients[0] * problem.motion
-    torque = on_slots(problem, np.where(hidden, np.nan, base * problem.sign))[index]
+    torque = problem.spread(np.where(hidden, np.nan, base * problem.sign), np.nan)[index]
     window = WindowAccumulator(plain, slots=record.used.size)
     window.append(np.nan_to_num(record.channels.speed_rad_s), np.nan_to_num(torque), np.isfinite(torque))
     return window.close()

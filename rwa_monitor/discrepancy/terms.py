@@ -178,11 +178,10 @@ def _followed_level(
     """
     if level is None or not depends_on_level(effect):
         return None
-    decides = level, beside, problem.z, problem.records
-    price = problem.noise.long_run_variance
+    decides = level, beside, problem.z, problem.records, problem.noise
     added = np.zeros(problem.size) if beside is None else beside
     return problem.recent.get(
-        decides, price, lambda: FollowedLevel(problem.with_empty_caches(), strong_level(problem, level), added)
+        decides, lambda: FollowedLevel(problem.with_empty_caches(), strong_level(problem, level), added)
     )
 
 

@@ -13,14 +13,7 @@ from rich.table import Table
 from rwa_monitor.discrepancy.bench import SCALED_ONLY
 from rwa_monitor.discrepancy.diagnosis_gain import WINDOWS
 from rwa_monitor.discrepancy.extended import extend, laws_in_words
-from rwa_monitor.discrepancy.hypotheses import (
-    CANDIDATES,
-    Detectable,
-    as_clause,
-    candidates,
-    detectable_strengths,
-    not_testable,
-)
+from rwa_monitor.discrepancy.hypotheses import Detectable, as_clause, candidates, detectable_strengths, not_testable
 from rwa_monitor.discrepancy.likelihood import least_gain
 from rwa_monitor.discrepancy.p_values import built_in_null_distribution
 from rwa_monitor.discrepancy.plan import Plan, plan
@@ -164,7 +157,7 @@ def html(search: Search, sources: list[str], build: str = "") -> str:
 
 def _rendered(template: str, search: Search, **more: Any) -> str:
     """Return a search rendered by a template."""
-    beyond = not_testable(search.problem, CANDIDATES, search.result.untested)
+    beyond = not_testable(search.problem, search.result.untested)
     known = {"search": search, "extension": extend(search), "beyond": beyond}
     return _environment().get_template(template).render(**known, **more)
 

@@ -137,8 +137,8 @@ def gains_picture(search: Search) -> Figure:
     at = np.arange(len(nested))
     colours = [BASE, *([EXTENDED] * (len(nested) - 1))]
     for k, model in enumerate(nested):
-        half = 0.0 if model.total_half is None else model.total_half
-        left.errorbar(model.total, k, xerr=half, fmt="o" if k == 0 else "s", color=colours[k], capsize=4, ms=6)
+        marker = "s" if k else "o"
+        left.errorbar(model.total, k, xerr=model.total_half, fmt=marker, color=colours[k], capsize=4, ms=6)
     left.axvline(0.0, color="black", lw=0.8)
     left.set(
         xlabel="log score gained [nats per sample], 95 %",

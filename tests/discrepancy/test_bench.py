@@ -1,5 +1,6 @@
 """Records of test benches: a motor that is off, tables of a few dozen rows, clocks that do not tick evenly."""
 
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -16,6 +17,7 @@ from rwa_monitor.discrepancy.find import find_discrepancy
 from rwa_monitor.discrepancy.hypotheses import NOT_COMMANDED
 from rwa_monitor.discrepancy.plausible import implied_inertia
 from rwa_monitor.discrepancy.record import make_record
+from rwa_monitor.discrepancy.result import Search
 from rwa_monitor.errors import InputError
 from rwa_monitor.identification.identify import identify
 from rwa_monitor.samples import Samples, concatenate
@@ -39,15 +41,9 @@ def run_down_by_turns(windage: float, angle: Array) -> tuple[Array, Array]:
     """Return time and speed at angles [rad] of a wheel that runs down from 20 to 2 rad/s."""
     slow = lambda _, y: y[1] - 2.0  # noqa: E731
     slow.terminal = True
-    time, speed = solve_ivp(
-        lambda _, y: [1.0 / y[1], -drag(y[1], windage) / (INERTIA * y[1])],
-        (min(angle[0], 0.0), angle[-1]),
-        [0.0, 20.0],
-        t_eval=angle,
-        events=slow,
-        rtol=1e-10,
-        atol=1e-12,
-    ).y
+    slopes = lambda _, y: [1.0 / y[1], -drag(y[1], windage) / (INERTIA * y[1])]  # noqa: E731
+    span = min(angle[0], 0.0), angle[-1]
+    time, speed = solve_ivp(slopes, span, [0.0, 20.0], t_eval=angle, events=slow, rtol=1e-10, atol=1e-12).y
     return time, speed
 
 
@@ -57,16 +53,26 @@ def turns(windage: float) -> tuple[Array, Array]:
     return time, speed * (1 + 1e-4 * np.random.default_rng(0).normal(size=time.size))
 
 
-def run_down(windage: float, uneven: float = 0.0, period_s: float = 0.5, seed: int = 0) -> Samples:
-    """Return time and speed of a wheel of 5 kg m² from 20 to about 2 rad/s, steps uneven by so much of the period."""
-    rng = np.random.default_rng(seed)
+def slowed(drag_at: Callable[[float], float], step_s: float, slowest: float) -> tuple[Array, Array]:
+    """Return time and speed of a wheel of 5 kg m² from 20 rad/s down to a slowest one, in steps of time."""
     fine = [20.0]
-    while fine[-1] > 2.0:
-        fine.append(fine[-1] - 0.05 / 5.0 * float(drag(np.array(fine[-1]), windage)))
-    count = int(0.05 * len(fine) / period_s * 0.95)
+    while fine[-1] > slowest:
+        fine.append(fine[-1] - step_s / 5.0 * float(drag_at(fine[-1])))
+    return step_s * np.arange(len(fine)), np.array(fine)
+
+
+def run_down(windage: float, uneven: float = 0.0, period_s: float = 0.5, seed: int = 0) -> Samples:
+    """Return time and speed of such a wheel down to about 2 rad/s, steps uneven by so much of the period."""
+    rng, fine = np.random.default_rng(seed), slowed(lambda speed: drag(speed, windage), 0.05, 2.0)
+    count = int(0.05 * fine[0].size / period_s * 0.95)
     time = np.cumsum(period_s * (1 + uneven * rng.uniform(-1, 1, count)))
-    speed = np.interp(time, 0.05 * np.arange(len(fine)), fine)
-    return samples(time, speed + 1e-4 * rng.normal(size=count))
+    return samples(time, np.interp(time, *fine) + 1e-4 * rng.normal(size=count))
+
+
+def swing(time: Array) -> tuple[Array, Array, Array]:
+    """Return speed, friction and accelerating torque of a wheel of 0.5 kg m² that never rests."""
+    speed = 11.0 + 9.0 * np.sin(0.2 * time)
+    return speed, drag(speed, WINDAGE), 0.5 * 1.8 * np.cos(0.2 * time)
 
 
 def samples(time_s: Array, speed: Array, friction: Array | None = None, **channels: Array) -> Samples:
@@ -90,25 +96,25 @@ def test_a_wheel_with_its_motor_off_shows_its_drag_from_time_and_speed_alone(une
 
 
 def test_without_motor_no_curve_over_the_acceleration_explains_its_own_multiple() -> None:
-    fine = [20.0]
-    while fine[-1] > 1.0:
-        fine.append(fine[-1] - 0.01 / 5.0 * (0.02 + 0.002 * fine[-1] + 0.01 * np.sin(fine[-1] / 2.0)))
-    time = np.arange(0.0, 0.01 * len(fine), 0.5)
-    speed = np.interp(time, 0.01 * np.arange(len(fine)), fine) + 1e-4 * np.random.default_rng(0).normal(size=time.size)
+    fine = slowed(lambda speed: drag(speed, 0.0) + 0.01 * np.sin(speed / 2.0), 0.01, 1.0)
+    time = np.arange(0.0, 0.01 * fine[0].size, 0.5)
+    speed = np.interp(time, *fine) + 1e-4 * np.random.default_rng(0).normal(size=time.size)
     result = find_discrepancy([("coast", samples(time, speed))], bench()).result
     assert result.unexplained.signature == "a drag that depends on |speed|"
 
 
 def test_without_motor_a_drag_that_wanders_is_not_one_of_the_acceleration() -> None:
     """Its noise is that of the acceleration, from which it comes, whether the clock is even or not."""
-    rng = np.random.default_rng(0)
-    fine, wander = [20.0], 0.0
-    while fine[-1] > 1.0:
-        wander += 3e-4 * rng.normal() - 0.002 * wander
-        fine.append(fine[-1] - 0.01 / 5.0 * (0.02 + 0.002 * fine[-1] + wander))
-    time = np.arange(0.0, 0.01 * len(fine), 0.5)
+    rng, wander = np.random.default_rng(0), [0.0]
+
+    def wandering(speed: float) -> float:
+        wander.append(0.998 * wander[-1] + 3e-4 * rng.normal())
+        return drag(speed, 0.0) + wander[-1]
+
+    fine = slowed(wandering, 0.01, 1.0)
+    time = np.arange(0.0, 0.01 * fine[0].size, 0.5)
     time[1:] += 0.25 * rng.uniform(-1.0, 1.0, time.size - 1)
-    speed = np.interp(time, 0.01 * np.arange(len(fine)), fine) + 1e-4 * rng.normal(size=time.size)
+    speed = np.interp(time, *fine) + 1e-4 * rng.normal(size=time.size)
     assert find_discrepancy([("coast", samples(time, speed))], bench()).result.verdict == "adequate"
 
 
@@ -123,12 +129,16 @@ def test_a_run_down_within_the_usual_window_of_the_derivative_is_read_with_a_sho
     assert as_measured(table, wheel.model_copy(update={"friction": stated})).wheel.friction == stated
 
 
+def commanded(torque: Array, speed: Array) -> Search:
+    """Search for what is missing where the torque was commanded, one row each half second."""
+    ramp = samples(0.5 * np.arange(torque.size), speed, torque)
+    return find_discrepancy([("ramp", ramp)], Wheel(name="bench", sample_period_s=0.5))
+
+
 def test_what_was_commanded_is_a_ramp_over_time_to_the_last_digit_and_no_drift() -> None:
     torque = 0.05 + 0.005 * np.arange(240)
     speed = (-0.002 + np.sqrt(0.002**2 + 4 * WINDAGE * (torque - 0.02))) / (2 * WINDAGE)
-    speed += 0.05 * np.random.default_rng(0).normal(size=torque.size)
-    ramp = samples(0.5 * np.arange(240), speed, torque)
-    search = find_discrepancy([("ramp", ramp)], Wheel(name="bench", sample_period_s=0.5))
+    search = commanded(torque, speed + 0.05 * np.random.default_rng(0).normal(size=torque.size))
     assert names(search) == ["quadratic_drag"]
     assert search.result.unexplained is None
     assert dict(search.result.untested)["run_in_drift"] == NOT_COMMANDED
@@ -137,11 +147,8 @@ def test_what_was_commanded_is_a_ramp_over_time_to_the_last_digit_and_no_drift()
 def test_what_was_commanded_does_not_wander() -> None:
     """All noise is in the speed: a slope of next to nothing and a level that wanders would fit, too."""
     torque = np.append(np.arange(-255.0, -8.0), np.arange(9.0, 256.0))
-    rng = np.random.default_rng(1)
-    speed = np.sign(torque) * (np.abs(torque) - 4.0) / 5.0 + rng.normal(size=torque.size)
-    search = find_discrepancy(
-        [("duty", samples(0.5 * np.arange(torque.size), speed, torque))], Wheel(name="bench", sample_period_s=0.5)
-    )
+    speed = np.sign(torque) * (np.abs(torque) - 4.0) / 5.0
+    search = commanded(torque, speed + np.random.default_rng(1).normal(size=torque.size))
     assert search.result.verdict == "adequate"
     assert search.base.fit.coefficients[0] == pytest.approx(5.0, rel=0.02)
 
@@ -165,10 +172,10 @@ def test_windage_is_a_missing_law_to_identify_not_an_inertia(windage: float) -> 
         identify([("coast", run_down(windage))], bench(), systems=False)
 
 
-def test_a_little_windage_is_said_and_none_is_not() -> None:
-    for windage in (5e-5, 0.0):
-        notes = identify([("coast", run_down(windage))], bench(), systems=False).notes
-        assert any("a law is missing" in note for note in notes) is (windage > 0)
+@pytest.mark.parametrize("windage", [5e-5, 0.0])
+def test_a_little_windage_is_said_and_none_is_not(windage: float) -> None:
+    notes = identify([("coast", run_down(windage))], bench(), systems=False).notes
+    assert any("a law is missing" in note for note in notes) is (windage > 0)
 
 
 def test_with_the_law_that_was_missing_the_wheel_is_learned() -> None:
@@ -212,9 +219,8 @@ def test_uneven_current_is_interpolated_and_it_is_said() -> None:
     rng = np.random.default_rng(0)
     time = np.cumsum(0.1 * (1 + 0.3 * rng.uniform(-1, 1, 3000)))
     time[2000:] += 3.0  # nothing is filled in over a gap
-    speed = 11.0 + 9.0 * np.sin(0.2 * time)
-    torque = 0.5 * 1.8 * np.cos(0.2 * time) + drag(speed, WINDAGE)
-    table = samples(time, speed, motor_torque_Nm=torque + 1e-3 * rng.normal(size=3000))
+    speed, friction, slew = swing(time)
+    table = samples(time, speed, motor_torque_Nm=slew + friction + 1e-3 * rng.normal(size=3000))
     wheel = Wheel(name="on", sample_period_s=0.1, inertia_kg_m2=0.5)
     made = as_measured([("log", table)], wheel)
     (_, even), (note,) = made.recordings[0], made.notes
@@ -239,10 +245,9 @@ def test_torque_is_not_interpolated_over_a_reversal() -> None:
 @pytest.mark.parametrize("given", [False, True])
 def test_a_table_faster_than_the_wheel_files_period_is_read_by_its_own(given: bool) -> None:
     rng, time = np.random.default_rng(0), 0.1 * np.arange(3000)
-    speed = 11.0 + 9.0 * np.sin(0.2 * time)
-    friction = drag(speed, WINDAGE) + 1e-3 * rng.normal(size=time.size)
-    channels = {} if given else {"motor_torque_Nm": 0.5 * 1.8 * np.cos(0.2 * time) + friction}
-    table = samples(time, speed, friction if given else None, **channels)
+    speed, friction, slew = swing(time)
+    friction = friction + 1e-3 * rng.normal(size=time.size)
+    table = samples(time, speed, friction) if given else samples(time, speed, motor_torque_Nm=slew + friction)
     wheel = Wheel(name="on", sample_period_s=1.0, inertia_kg_m2=0.5)
     made = as_measured([("log", table)], wheel)
     assert made.wheel.sample_period_s == pytest.approx(0.1)
@@ -253,11 +258,10 @@ def test_a_table_faster_than_the_wheel_files_period_is_read_by_its_own(given: bo
 
 
 def test_a_slope_of_the_speed_reaches_over_no_more_than_a_log_is_whole() -> None:
-    rng = np.random.default_rng(0)
     time = 0.02 * np.arange(3000)
-    speed = 11.0 + 9.0 * np.sin(0.2 * time)
-    torque = 0.5 * 1.8 * np.cos(0.2 * time) + drag(speed, WINDAGE)
-    table = samples(time, speed, motor_torque_Nm=torque + 1e-3 * rng.normal(size=3000))[np.arange(3000) % 90 < 80]
+    speed, friction, slew = swing(time)
+    torque = slew + friction + 1e-3 * np.random.default_rng(0).normal(size=3000)
+    table = samples(time, speed, motor_torque_Nm=torque)[np.arange(3000) % 90 < 80]
     wheel = Wheel(name="log in pieces", sample_period_s=0.02, inertia_kg_m2=0.5)  # its window would be of 101 samples
     assert names(find_discrepancy([("log", table)], wheel)) == ["quadratic_drag"]
 

@@ -12,17 +12,9 @@ N = 20_000
 @pytest.mark.parametrize("phi", [0.0, 0.5, 0.9])
 def test_noise_has_its_long_run_variance(phi: float) -> None:
     z = signal.lfilter([np.sqrt(1 - phi**2)], [1, -phi], np.random.default_rng(1).normal(size=N))
-    noise = estimate_noise([z])
-    assert noise.autocovariance[1:].any() == (phi > 0)
     # The sum of 96 estimated autocovariances errs by some √(2·2·96/N)·(1+φ)/(1-φ).
     expected = (1 + phi) / (1 - phi)
-    assert noise.long_run_variance == pytest.approx(expected, rel=3 * np.sqrt(4 * 96 / N))
-
-
-def test_noise_of_a_central_difference_is_not_taken_as_white() -> None:
-    e = np.random.default_rng(2).normal(size=N + 2)
-    noise = estimate_noise([(e[2:] - e[:-2]) / np.sqrt(2)])
-    assert noise.autocovariance[2] / noise.std**2 == pytest.approx(-0.5, abs=0.05)
+    assert estimate_noise([z]).long_run_variance == pytest.approx(expected, rel=3 * np.sqrt(4 * 96 / N))
 
 
 def test_student_noise_has_the_variance_that_means_scatter_by() -> None:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from rwa_monitor.discrepancy.fitting import Fitting
-from rwa_monitor.discrepancy.found_effects import described, spread
+from rwa_monitor.discrepancy.found_effects import described
 from rwa_monitor.discrepancy.result import ParameterValue
 from rwa_monitor.simulation.motion import SpeedProfile
 from rwa_monitor.simulation.record import simulate
@@ -40,10 +40,9 @@ def fitted(name: str, seed: int, wave: float = 0.0, **changes: float) -> dict[st
         drag = wave * np.sqrt(2.0) * 3.9e-5 * np.sin(phase) * np.sign(samples.speed_rad_s)
         samples = replace(samples, friction_torque_Nm=samples.friction_torque_Nm + drag)
     problem = problem_of(samples)
-    effect = MEAN_EFFECTS[name]
     fitting = Fitting(problem, jumps=True)
-    model = fitting.extensions(fitting.base(), [effect])[0]
-    return described(problem, model.terms[0], model.strengths(0), spread(problem, model).terms[0], effect.parameters)
+    model = fitting.extensions(fitting.base(), [MEAN_EFFECTS[name]])[0]
+    return described(problem, model, 0)
 
 
 @pytest.mark.parametrize("name", TRUTH)

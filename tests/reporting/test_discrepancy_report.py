@@ -87,7 +87,7 @@ def test_the_views_show_the_effect_before_and_nothing_after(found: Search) -> No
 
 
 def test_a_plan_ranks_by_separation_and_prefers_what_shows_the_effect(found: Search) -> None:
-    planned = rank_manoeuvres(found.problem, found.extended, ["stribeck"], built_in_wheel())
+    planned = rank_manoeuvres(found, ["stribeck"])
     separations = [entry.separation for entry in planned]
     assert separations == sorted(separations, reverse=True)
     worth = {entry.name: entry.separation for entry in planned}
