@@ -41,31 +41,10 @@ BASE_CUT: Final = 3.0  # standard deviations
 # then equal the paper's (tests/simulation/test_datasets.py measures them).
 PAPER_JUMP_RATE: Final = (0.63, 2.93)
 
-HARD_JUMP_SIGMAS: Final = (3.0, 6.0)  # jumps of `hard` in standard deviations of the noise
-HARD_GAPS: Final = (1, 4)  # gaps per window, both included
-HARD_GAP_S: Final = (1.0, 60.0)  # s: a lost packet to a short outage
-HARD_ANOMALY_SHARE: Final = 0.25  # probability of each anomaly, independently
 FLEET_WINDOWS: Final = 24  # windows in the life of one wheel
 FLEET_ONSET: Final = (0.1, 0.5)  # share of that life after which its anomaly begins to grow
 FLEET_SEVERITIES: Final = {name: 1.0 + 1.5 * (mild - 1.0) for name, mild in MILD_SEVERITIES.items()}  # at its end
-LABEL_SHARE: Final = 0.5  # a growing anomaly counts as active from half of its final severity on
-
-
-# A bearing in orbit: ±3 K with the eclipses, ±15 K over the seasons, measured by a sensor on the housing; viscosity
-# falls by 2 to 8 % per kelvin (the catalogue's range). All but the latter are working assumptions.
-ORBIT_SWING_K: Final = 3.0
-ACTIVATION_K: Final = (1700.0, 6900.0)
-SENSOR_LAG_S: Final = (300.0, 1200.0)  # s, tens of minutes at most for a wheel of a few kilograms
-# `flown`: noise as measured on six joints of a robot at 200 Hz (docs/measured.md: correlation of neighbours 0.56 to
-# 0.98 in the residual of the fitted law, spread up to three times larger at speed, 3.5 to 12 degrees of freedom),
-# converted to the wheel's own period. Quanta are those of 13 to 16 bits over twice the maximum current. No available
-# record is long enough to measure a drift over hours: that, and the sizes of the anomalies, are working assumptions.
-# Durations are those of `paper`.
-FLOWN_CORRELATION_TIME_S: Final = (0.0086, 0.25)  # s, of an AR(1) with that correlation
-FLOWN_TAILS: Final = (3.5, 12.0)  # degrees of freedom
-FLOWN_SPREAD: Final = (1.0, 3.0)  # of the noise at nominal speed over that at rest
-FLOWN_BITS: Final = (13, 16)  # of the current's converter, both included
-FLOWN_DRIFT_PER_SQRT_H: Final = (0.0, 0.01)  # of base dry friction
+ORBIT_SWING_K: Final = 3.0  # with the eclipses, about a mean that moves over the seasons; a working assumption
 FLOWN_EXCESS: Final = {"dry": (0.06, 0.50), "viscous": (0.03, 0.25), "fss_1": (0.3, 1.5), "fss_2": (0.2, 1.2)}
 
 
@@ -171,13 +150,14 @@ def wheel_windows(recipe: str | Recipe, number: int, seed: int) -> Iterator[Labe
     if life == 1:
         yield LabelledWindow(wheel.name, wheel, scenario, record)
         return
-    samples, anomalies = wheel.window.samples, scenario.anomalies
+    samples = wheel.window.samples
     for window in range(life):
         piece = cut(record, window * samples, (window + 1) * samples, wheel)
         middle_s = np.array((window + 0.5) * samples * wheel.sample_period_s)
         factors = {name: float(scenario.factor_at(name, middle_s)) for name in wheel.anomalies}
-        labels = dict.fromkeys(wheel.anomalies, False)
-        labels |= {name: bool(anomaly.share_at(middle_s) >= LABEL_SHARE) for name, anomaly in anomalies.items()}
+        # A growing anomaly counts as active from half of its final severity on.
+        grown = {name for name, anomaly in scenario.anomalies.items() if anomaly.share_at(middle_s) >= 0.5}
+        labels = {name: name in grown for name in wheel.anomalies}
         piece = replace(piece, truth=replace(piece.truth, labels=labels, factors=factors))
         yield LabelledWindow(f"{wheel.name}_{window:03d}", wheel, scenario, piece)
 
@@ -213,34 +193,36 @@ def scaled_wheel(wheel: Wheel, factor: float) -> Wheel:
 
 def _example_wheel(rng: Generator) -> Wheel:
     """Return a wheel with the systems of the paper's Examples 1 and 2, with a random rate of jumps."""
-    return scaled_wheel(built_in_wheel(), 1.0 / rng.uniform(*PAPER_JUMP_RATE))
+    return _with_random_rate(built_in_wheel(), rng)
+
+
+def _with_random_rate(wheel: Wheel, rng: Generator) -> Wheel:
+    return scaled_wheel(wheel, 1.0 / rng.uniform(*PAPER_JUMP_RATE))
 
 
 def _hard_wheel(rng: Generator) -> Wheel:
-    """Return a wheel of three systems with small jumps and various kinds of duration laws."""
+    """Return a wheel of three systems with jumps of 3 to 6 σ and various kinds of duration laws."""
     wheel = built_in_wheel()
     assert wheel.nominal is not None
     assert wheel.noise.friction_std_Nm is not None
     sigma = wheel.noise.friction_std_Nm / wheel.nominal.dry_torque_Nm
-    low, high = (sigma * jump for jump in HARD_JUMP_SIGMAS)
+    low, high = 3.0 * sigma, 6.0 * sigma
     middle = 0.5 * (low + high)
-    rest = FrictionRange(low=0.0, high=0.0)
+    rest, active = FrictionRange(low=0.0, high=0.0), FrictionRange(low=low, high=high)
     # The third configuration of fss_2 lies so that each of its steps is a jump of 3–6 σ, too.
-    ranges = (
-        (rest, FrictionRange(low=low, high=high)),
-        (rest, FrictionRange(low=low, high=middle), FrictionRange(low=middle + low, high=high + low)),
-        (rest, FrictionRange(low=low, high=high)),
+    steps = FrictionRange(low=low, high=middle), FrictionRange(low=middle + low, high=high + low)
+    slow = Uniform(low=10_000, high=30_000)
+    bursts = Weibull(shape=1.5, scale=20_000.0), Lognormal(mu=float(np.log(3_000.0)), sigma=0.5)
+    systems = (
+        SwitchingSystem(
+            name="fss_1",
+            durations=(Uniform(low=10_000, high=20_000), Uniform(low=200, high=1_000)),
+            friction=(rest, active),
+        ),
+        SwitchingSystem(name="fss_2", durations=(slow, slow, slow), friction=(rest, *steps)),
+        SwitchingSystem(name="fss_3", durations=bursts, friction=(rest, active)),
     )
-    durations: tuple[tuple[DurationLaw, ...], ...] = (
-        (Uniform(low=10_000, high=20_000), Uniform(low=200, high=1_000)),
-        (Uniform(low=10_000, high=30_000),) * 3,
-        (Weibull(shape=1.5, scale=20_000.0), Lognormal(mu=float(np.log(3_000.0)), sigma=0.5)),
-    )
-    systems = tuple(
-        SwitchingSystem(name=f"fss_{number}", durations=laws, friction=friction)
-        for number, (laws, friction) in enumerate(zip(durations, ranges, strict=True), start=1)
-    )
-    return scaled_wheel(wheel.model_copy(update={"fss": systems}), 1.0 / rng.uniform(*PAPER_JUMP_RATE))
+    return _with_random_rate(wheel.model_copy(update={"fss": systems}), rng)
 
 
 def _heated_wheel(rng: Generator) -> Wheel:
@@ -251,8 +233,8 @@ def _heated_wheel(rng: Generator) -> Wheel:
         name="viscosity_temperature",
         parameters={
             "strength_Nm_s_rad": wheel.nominal.viscous_Nm_s_rad,
-            "activation_temperature_K": rng.uniform(*ACTIVATION_K),
-            "sensor_lag_s": rng.uniform(*SENSOR_LAG_S),
+            "activation_temperature_K": rng.uniform(1700.0, 6900.0),  # 2 to 8 % per kelvin: the catalogue's range
+            "sensor_lag_s": rng.uniform(300.0, 1200.0),  # on the housing of a wheel of a few kilograms; an assumption
         },
     )
     return wheel.model_copy(update={"effect": (law,)})
@@ -261,14 +243,23 @@ def _heated_wheel(rng: Generator) -> Wheel:
 # ---- scenarios -------------------------------------------------------------------------------------------------------
 
 
-def _base(rng: Generator) -> Base:
-    """Draw a healthy wheel's friction as factors on its averages."""
+def _life(
+    wheel: Wheel,
+    windows: int,
+    kinds: tuple[ProfileKind, ...],
+    rng: Generator,
+    drift_per_sqrt_h: tuple[float, float] | None = None,
+    **more: Any,
+) -> Scenario:
+    """Return the scenario of a wheel in its healthy scatter, with one of the motions, and a drift within a range."""
     dry, viscous = np.clip(rng.standard_normal(2), -BASE_CUT, BASE_CUT)
-    return Base(dry=1.0 + BASE_DRY_STD * dry, viscous=1.0 + BASE_VISCOUS_STD * viscous)
-
-
-def _motion(kinds: tuple[ProfileKind, ...], rng: Generator) -> SpeedProfile:
-    return SpeedProfile(kind=kinds[rng.integers(len(kinds))])
+    drift = rng.uniform(*drift_per_sqrt_h) if drift_per_sqrt_h else 0.0
+    return Scenario(
+        duration_s=windows * wheel.window_s,
+        base=Base(dry=1.0 + BASE_DRY_STD * dry, viscous=1.0 + BASE_VISCOUS_STD * viscous, dry_drift_per_sqrt_h=drift),
+        speed=SpeedProfile(kind=kinds[rng.integers(len(kinds))]),
+        **more,
+    )
 
 
 def _one_status(severities: Mapping[str, float], wheel: Wheel, number: int) -> dict[str, Anomaly]:
@@ -281,13 +272,8 @@ def _one_anomaly(severities: Mapping[str, float], **more: Any) -> DrawScenario:
     """Return the scenario of a wheel with at most one anomaly, in one direction of rotation or in both."""
 
     def scenario(wheel: Wheel, number: int, windows: int, rng: Generator) -> Scenario:
-        return Scenario(
-            duration_s=windows * wheel.window_s,
-            base=_base(rng),
-            speed=_motion(("orbit", "one_direction"), rng),
-            anomalies=_one_status(severities, wheel, number),
-            **more,
-        )
+        anomalies = _one_status(severities, wheel, number)
+        return _life(wheel, windows, ("orbit", "one_direction"), rng, anomalies=anomalies, **more)
 
     return scenario
 
@@ -303,20 +289,19 @@ def _fleet(wheel: Wheel, number: int, windows: int, rng: Generator) -> Scenario:
     return scenario.model_copy(update={"anomalies": growing})
 
 
-def _hard(wheel: Wheel, number: int, windows: int, rng: Generator) -> Scenario:
-    """Return any combination of anomalies, with autocorrelated noise, zero crossings and gaps."""
-    del number
-    active = rng.random(len(wheel.anomalies)) < HARD_ANOMALY_SHARE
-    gaps = _gaps(wheel, windows, rng)
-    return Scenario(
-        duration_s=windows * wheel.window_s,
-        base=_base(rng),
-        speed=_motion(("orbit", "crossings", "rich"), rng),
+def _hard(wheel: Wheel, number: int, windows: int, rng: Generator) -> Scenario:  # noqa: ARG001
+    """Return any combination of anomalies, each in a quarter of the wheels, with correlated noise and gaps."""
+    active = rng.random(len(wheel.anomalies)) < 0.25
+    return _life(
+        wheel,
+        windows,
+        ("orbit", "crossings", "rich"),
+        rng,
+        fault=_gaps(wheel, windows, rng),
         anomalies={
             name: Anomaly(factor=HARD_SEVERITIES[name]) for name, on in zip(wheel.anomalies, active, strict=True) if on
         },
         noise=FrictionNoise(law="ar1"),
-        fault=gaps,
     )
 
 
@@ -328,37 +313,43 @@ def _orbit(wheel: Wheel, number: int, windows: int, rng: Generator) -> Scenario:
 
 
 def _gaps(wheel: Wheel, windows: int, rng: Generator) -> tuple[Fault, ...]:
-    """Draw the gaps of every window."""
+    """Draw one to four gaps for every window, from a lost packet to a short outage."""
     return tuple(
-        Fault(kind="gap", start_s=(window + rng.random()) * wheel.window_s, duration_s=rng.uniform(*HARD_GAP_S))
+        Fault(kind="gap", start_s=(window + rng.random()) * wheel.window_s, duration_s=rng.uniform(1.0, 60.0))
         for window in range(windows)
-        for _ in range(rng.integers(*HARD_GAPS, endpoint=True))
+        for _ in range(rng.integers(1, 4, endpoint=True))
     )
 
 
 def _flown(wheel: Wheel, number: int, windows: int, rng: Generator) -> Scenario:
-    """Return at most one anomaly of random size, with noise, quanta, drift and gaps drawn for each wheel."""
+    """Return at most one anomaly of random size, with noise, quanta, drift and gaps drawn for each wheel.
+
+    Noise is as measured on six joints of a robot at 200 Hz (docs/measured.md: correlation of neighbours 0.56 to 0.98 in
+    the residual of the fitted law, spread up to three times larger at speed, 3.5 to 12 degrees of freedom), converted
+    to the wheel's own period. Quanta are those of 13 to 16 bits over twice the maximum current. No available record is
+    long enough to measure a drift over hours: that, and the sizes of the anomalies, are working assumptions.
+    """
     assert wheel.nominal is not None
     excess = {name: 1.0 + rng.uniform(*bounds) for name, bounds in FLOWN_EXCESS.items()}
-    correlation_time_s = float(np.exp(rng.uniform(*np.log(FLOWN_CORRELATION_TIME_S))))
-    spread = rng.uniform(*FLOWN_SPREAD) - 1.0
-    current_A = 2.0 * (wheel.limits.max_current_A or 0.0) * 2.0 ** -float(rng.integers(*FLOWN_BITS, endpoint=True))
-    return Scenario(
-        duration_s=windows * wheel.window_s,
-        base=_base(rng).model_copy(update={"dry_drift_per_sqrt_h": rng.uniform(*FLOWN_DRIFT_PER_SQRT_H)}),
-        speed=_motion(("orbit", "one_direction", "crossings", "rich"), rng),
+    correlation_time_s = float(np.exp(rng.uniform(*np.log((0.0086, 0.25)))))
+    spread = rng.uniform(1.0, 3.0) - 1.0  # of the noise, from rest to nominal speed
+    current_A = 2.0 * (wheel.limits.max_current_A or 0.0) * 2.0 ** -float(rng.integers(13, 16, endpoint=True))
+    scenario = _life(
+        wheel,
+        windows,
+        ("orbit", "one_direction", "crossings", "rich"),
+        rng,
+        drift_per_sqrt_h=(0.0, 0.01),
         anomalies=_one_status(excess, wheel, number),
         noise=FrictionNoise(law="ar1", ar_coefficient=float(np.exp(-wheel.sample_period_s / correlation_time_s))),
-        effect=(
-            EffectBlock(name="heavy_tailed_noise", parameters={"degrees_of_freedom": rng.uniform(*FLOWN_TAILS)}),
-            EffectBlock(
-                name="speed_dependent_noise",
-                parameters={"strength_s_rad": spread / wheel.nominal.nominal_speed_rad_s},
-            ),
-        ),
         sensors=Sensors(friction_quantum_Nm=current_A * (wheel.torque_constant_Nm_A or 0.0)),
-        fault=_gaps(wheel, windows, rng),
     )
+    growth_s_rad = spread / wheel.nominal.nominal_speed_rad_s
+    effects = (
+        EffectBlock(name="heavy_tailed_noise", parameters={"degrees_of_freedom": rng.uniform(3.5, 12.0)}),
+        EffectBlock(name="speed_dependent_noise", parameters={"strength_s_rad": growth_s_rad}),
+    )
+    return scenario.model_copy(update={"effect": effects, "fault": _gaps(wheel, windows, rng)})
 
 
 RECIPES: Final[Mapping[str, Recipe]] = {
@@ -396,29 +387,17 @@ def truth_document(window: LabelledWindow) -> dict[str, Any]:
         (means over the window), fss: {name: {start_index, configuration, friction_Nm}} (one entry per sojourn),
         effect_rms_Nm: {name: RMS}}, and `scenario` as in its file.
     """
-    truth = window.telemetry.truth
-    names = list(truth.configuration)
-    jumps = truth.changepoints
-    changepoints = [
-        {
-            "index": int(index),
-            "fss": names[system],
-            "jump_Nm": float(jump),
-            "information": float(information) if np.isfinite(information) else None,  # None: without noise
-            "visible": bool(visible),
-        }
-        for index, system, jump, information, visible in zip(
-            jumps.index, jumps.system, jumps.jump_Nm, jumps.information, jumps.visible, strict=True
-        )
-    ]
+    truth, jumps = window.telemetry.truth, window.telemetry.truth.changepoints
     systems = {}
-    for number, name in enumerate(names):
+    for number, (name, configuration) in enumerate(truth.configuration.items()):
         starts = np.concatenate([[0], jumps.index[jumps.system == number]]).astype(np.int64)
         systems[name] = {
             "start_index": starts.tolist(),
-            "configuration": truth.configuration[name][starts].tolist(),
+            "configuration": configuration[starts].tolist(),
             "friction_Nm": truth.fss_friction_Nm[name][starts].tolist(),
         }
+    names = list(systems)
+    columns = (jumps.index, jumps.system, jumps.jump_Nm, jumps.information, jumps.visible)
     return {
         "record": window.name,
         "wheel": window.wheel.name,
@@ -428,7 +407,16 @@ def truth_document(window: LabelledWindow) -> dict[str, Any]:
         "slots": int(truth.used.size),
         "used": int(truth.used.sum()),
         "noise_std_Nm": truth.noise_std_Nm,
-        "changepoints": changepoints,
+        "changepoints": [
+            {
+                "index": index,
+                "fss": names[system],
+                "jump_Nm": jump,
+                "information": information if np.isfinite(information) else None,  # None: without noise
+                "visible": visible,
+            }
+            for index, system, jump, information, visible in zip(*(c.tolist() for c in columns), strict=True)
+        ],
         "components": {
             "base_dry_Nm": float(np.mean(truth.base_dry_Nm)),
             "viscous_Nm_s_rad": float(np.mean(truth.viscous_Nm_s_rad)),

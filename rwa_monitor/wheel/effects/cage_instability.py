@@ -12,11 +12,6 @@ from rwa_monitor.wheel.effects.base import Channels, LikelihoodFit, NoiseEffect,
 from rwa_monitor.wheel.effects.noise_laws import HeavyTailedNoise
 
 FEWEST_BURSTS: Final = 5  # fewer may be chance
-BESIDE_BURST: Final = 32  # slots before and after a burst with which its drag is compared
-FEWEST_BESIDE: Final = 4  # slots in a burst, and around it, for a mean
-DRAG_BY_CHANCE: Final = 0.2  # largest p-value of the drag; that there are bursts is tested separately
-MEDIAN_TO_STD: Final = 1.4826  # standard deviation of a Gaussian over its median absolute deviation
-EFFICIENCY_OF_MEDIAN: Final = 1.2533  # standard deviation of a median over that of a mean, √(π/2)
 
 
 class CageInstability(NoiseEffect):
@@ -72,6 +67,8 @@ class CageInstability(NoiseEffect):
 
         The residual may still hold levels. The gain is that of the noise alone, over noise that follows the speed.
         """
+        from scipy import stats
+
         usable = usable_residuals(residual_Nm, channels, good) & (channels.direction != 0)
         count = int(usable.sum())
         nothing = cls.nothing_found(count), np.zeros(residual_Nm.size, dtype=np.bool_)
@@ -80,20 +77,17 @@ class CageInstability(NoiseEffect):
             return nothing
         gain, noise, on = found
         drag = _drag_of_bursts(residual_Nm * channels.direction, usable, on)
-        if drag.size < FEWEST_BURSTS:
+        # Noise without drag is no cage instability; that there are bursts is tested separately.
+        if drag.size < FEWEST_BURSTS or stats.wilcoxon(drag, alternative="greater").pvalue > 0.2:
             return nothing
-        from scipy import stats
-
-        if stats.wilcoxon(drag, alternative="greater").pvalue > DRAG_BY_CHANCE:
-            return nothing  # noise without drag is no cage instability
         middle = max(float(np.median(drag)), 0.0)
-        spread = MEDIAN_TO_STD * float(np.median(np.abs(drag - middle)))
+        spread = 1.4826 * float(np.median(np.abs(drag - middle)))  # of a Gaussian, by its median absolute deviation
         bursts, shaking = float(np.sqrt(drag.size)), max(int(np.count_nonzero(on)), 1)
         values = {"strength_Nm": middle, **noise}
         for name in ("burst_s", "quiet_s"):
             values[name] *= channels.sample_period_s
         std = dict.fromkeys(values, float("nan")) | {
-            "strength_Nm": EFFICIENCY_OF_MEDIAN * spread / bursts,
+            "strength_Nm": 1.2533 * spread / bursts,  # a median scatters by √(π/2) times as much as a mean
             "noise_strength": (1.0 + values["noise_strength"]) / float(np.sqrt(2.0 * shaking)),
             "burst_s": values["burst_s"] / bursts,
             "quiet_s": values["quiet_s"] / bursts,
@@ -110,14 +104,17 @@ class CageInstability(NoiseEffect):
 
 
 def _drag_of_bursts(along: FloatArray, usable: BoolArray, on: BoolArray) -> FloatArray:
-    """Return the drag of each burst [N m]: its mean less that of the quiet slots around it, which removes the level."""
+    """Return the drag of each burst [N m]: its mean less that of the quiet slots around it, which removes the level.
+
+    Quiet slots are those up to 32 before and after it; bursts with fewer than four in or around them are left out.
+    """
     edges = np.flatnonzero(np.diff(np.concatenate([[0], on.astype(np.int8), [0]])))
     drag = []
     for begin, end in zip(edges[::2], edges[1::2], strict=True):
-        near = slice(max(begin - BESIDE_BURST, 0), end + BESIDE_BURST)
+        near = slice(max(begin - 32, 0), end + 32)
         around = along[near][usable[near] & ~on[near]]
         within = along[begin:end][usable[begin:end]]
-        if min(around.size, within.size) >= FEWEST_BESIDE:
+        if min(around.size, within.size) >= 4:
             drag.append(float(within.mean() - around.mean()))
     return np.array(drag)
 
@@ -146,16 +143,8 @@ def _bursts(slots: int, period_s: float, burst_s: float, quiet_s: float, rng: np
 
 BINS: Final = 40  # of |ω|; each has its own scale of the differences
 FEWEST_IN_BIN: Final = 20  # differences for a scale
-CLIP_AT: Final = 4.0  # robust standard deviations, for that scale
 SHORTEST_STAY: Final = 16.0  # slots, mean duration of a state: shorter bursts cannot be distinguished from heavy tails
-FIRST_STAY: Final = 100.0  # slots, mean duration at which the fit begins
-HALF_WIDTHS: Final = (0.03, 0.06, 0.12, 0.25)  # of bands tried, as shares of the speeds' range
-WIDEST_BAND: Final = 0.3  # half width as a share of the speeds' range: wider is no band
-FIRST_SCALES: Final = ((-0.25, 0.25), (-0.5, 0.4))  # logarithms of the quiet and the shaking scale over the bin's
 LEAST_FREEDOM: Final = HeavyTailedNoise.parameters[0].low  # degrees of freedom: a variance exists
-GAUSSIAN_FROM: Final = float(np.log(400.0))  # log of degrees of freedom from which the law is Gaussian
-MOST_EVALUATIONS: Final = 800
-FIRST_EVALUATIONS: Final = 120  # for each width: enough to find the best one
 
 
 def find_bursts(
@@ -200,62 +189,64 @@ def _scale_by_speed(difference: FloatArray, speed: FloatArray, pairs: BoolArray)
     for i in range(BINS):
         values = difference[pairs & (at == i)]
         if values.size >= FEWEST_IN_BIN:
-            limit = CLIP_AT * float(np.median(np.abs(values))) / 0.6745
+            limit = 4.0 * float(np.median(np.abs(values))) / 0.6745  # robust standard deviations
             scale[i] = np.sqrt(np.mean(np.clip(values, -limit, limit) ** 2))
-    known = np.flatnonzero(scale > 0)
-    if known.size == 0:
+    known = scale > 0
+    if not known.any():
         return None
     middle = 0.5 * (edges[1:] + edges[:-1])
     return np.exp(np.interp(speed, middle[known], np.log(scale[known])))
 
 
 def _fit(squares: FloatArray, speed: FloatArray, pairs: BoolArray) -> tuple[float, dict[str, float], BoolArray]:
+    from scipy import optimize
+
     count = int(np.count_nonzero(pairs))
     probability = np.zeros(squares.size)
     low, span = float(speed[pairs].min()), float(np.ptp(speed[pairs]))
-    widest = WIDEST_BAND * span
+
+    def half_width(x: FloatArray) -> float:
+        return float(min(abs(x[7]), 0.3 * span))  # wider is no band
 
     def loss(x: FloatArray) -> float:
-        inside = np.abs(speed - x[6]) < min(abs(x[7]), widest)
+        inside = np.abs(speed - x[6]) < half_width(x)
         freedom, (on, off) = _freedom(x[0]), _rates(x)
         shaking = x[2] + float(np.exp(x[3]))
         scaled = squares * np.exp(-2.0 * x[1])
         log_likelihood = forward(scaled, inside, x[2], shaking, freedom, on, off, probability)
         return float(count * (x[1] - _constant(freedom)) - log_likelihood)
 
-    from scipy import optimize
-
-    stay = float(np.log(FIRST_STAY - SHORTEST_STAY))
+    stay = float(np.log(100.0 - SHORTEST_STAY))  # a mean duration of 100 slots, to begin with
 
     def without_band(x: FloatArray) -> float:
         return loss(np.array([*x, 0.0, 0.0, stay, stay, low, 0.0]))
 
     none = optimize.minimize(without_band, [1.5, 0.0], method="Nelder-Mead", options={"xatol": 1e-2, "fatol": 0.1})
-    tries = [
-        np.array([none.x[0], none.x[1], quiet, np.log(shaking - quiet), stay, stay, low + at * span, half * span])
-        for half in HALF_WIDTHS
-        for at in np.linspace(0.0, 1.0, 1 + round(1.0 / half))
-        for quiet, shaking in FIRST_SCALES
-    ]
     # The best start of each width: a few bursts in a narrow band may fit better than the first guess in the true one.
-    starts = [min((x for x in tries if x[7] == half * span), key=loss) for half in HALF_WIDTHS]
-    best = _refined(loss, min((_refined(loss, start, FIRST_EVALUATIONS) for start in starts), key=loss))
-    best = min(best, _refined(loss, _with_other_edges(loss, best, low, span)), key=loss)
+    starts = []
+    for half in (0.03, 0.06, 0.12, 0.25):  # shares of the speeds' range
+        tries = [
+            np.array([none.x[0], none.x[1], quiet, np.log(shaking - quiet), stay, stay, low + at * span, half * span])
+            for at in np.linspace(0.0, 1.0, 1 + round(1.0 / half))
+            for quiet, shaking in ((-0.25, 0.25), (-0.5, 0.4))  # logarithms of the two scales over the bin's
+        ]
+        starts.append(_refined(loss, min(tries, key=loss), 120))  # evaluations enough to find the best width
+    best = _refined(loss, min(starts, key=loss), 800)
+    best = min(best, _refined(loss, _with_other_edges(loss, best, low, span), 800), key=loss)
     gain = float(none.fun) - loss(best)
     on, off = _rates(best)
     smooth(probability, on, off)
-    half_width = float(min(abs(best[7]), widest))
     values = {
         "noise_strength": float(np.exp(np.exp(best[3]))) - 1.0,
         "band_speed_rad_s": float(best[6]),
-        "band_half_width_rad_s": half_width,
+        "band_half_width_rad_s": half_width(best),
         "burst_s": 1.0 / off,
         "quiet_s": 1.0 / on,
     }
-    return max(gain, 0.0), values, (np.abs(speed - best[6]) < half_width) & (probability > 0.5)
+    return max(gain, 0.0), values, (np.abs(speed - best[6]) < half_width(best)) & (probability > 0.5)
 
 
-def _refined(loss: Callable[[FloatArray], float], start: FloatArray, evaluations: int = MOST_EVALUATIONS) -> FloatArray:
+def _refined(loss: Callable[[FloatArray], float], start: FloatArray, evaluations: int) -> FloatArray:
     """Return the parameters at the minimum next to a start, or the best ones within a number of evaluations."""
     from scipy import optimize
 
@@ -279,7 +270,7 @@ def _with_other_edges(loss: Callable[[FloatArray], float], best: FloatArray, low
 
 def _freedom(x: float) -> float:
     """Return degrees of freedom from their logarithm, limited from the lowest with a variance to a Gaussian."""
-    return float(np.exp(np.clip(x, -20.0, GAUSSIAN_FROM))) + LEAST_FREEDOM
+    return float(np.exp(np.clip(x, -20.0, np.log(400.0)))) + LEAST_FREEDOM
 
 
 def _rates(x: FloatArray) -> tuple[float, float]:
