@@ -9,13 +9,10 @@ from rwa_monitor.samples import SECONDS_PER_HOUR, FloatArray
 from rwa_monitor.wheel.effects.base import Channels, MeanEffect, Memory, Parameter, Shape, follow, stack
 from rwa_monitor.wheel.effects.tachometer import SpeedDeadZone
 
-MOST_TRAILING: Final = 5.0  # of the viscous friction: a working assumption
-FASTEST_S: Final = 10.0  # of a lubricant, see `source`; faster lags are the drive's
-
 
 def _shown_lag(channels: Channels) -> tuple[float, float]:
     """Return 10 s, or ten slots (shorter mimics dω/dt), and the record's length (longer mimics ω and a drift)."""
-    return max(10.0 * channels.sample_period_s, FASTEST_S), channels.duration_s
+    return max(10.0 * channels.sample_period_s, 10.0), channels.duration_s
 
 
 class LubricantLag(MeanEffect):
@@ -57,8 +54,8 @@ class LubricantLag(MeanEffect):
 
     @classmethod
     def is_possible(cls, strengths: FloatArray, dry_Nm: float, viscous_Nm_s_rad: float) -> bool:
-        """Return whether trailing drag (b < 0) is at most a few times the viscous friction."""
-        return float(strengths[0]) >= -MOST_TRAILING * viscous_Nm_s_rad
+        """Return whether trailing drag (b < 0) is at most five times the viscous friction, a working assumption."""
+        return float(strengths[0]) >= -5.0 * viscous_Nm_s_rad
 
 
 SEEN_SLOTS: Final = 3  # after a reversal: fewer do not determine a shape

@@ -10,7 +10,6 @@ from rwa_monitor.wheel.effects.base import Channels, MeanEffect, Memory, Paramet
 MAX_HARMONIC: Final = 48  # [-] per turn of the wheel: six pulses per electrical turn, up to eight pole pairs
 ORDERS: Final = tuple(float(h) for h in range(1, MAX_HARMONIC + 1))
 LOWEST_ORDER: Final = 0.2  # [-] need not be a whole number: a cage turns at 0.35 to 0.65 of the wheel
-FEWEST_PERIODS: Final = 1.5  # within the range of the angle: with fewer, a wave is not seen to repeat
 MANY_TURNS: Final = 50.0  # range of the angle in turns from which lines at fractional orders are resolved separately
 
 
@@ -48,7 +47,8 @@ def half_line_width(channels: Channels) -> float:
 def orders_shown(channels: Channels) -> tuple[float, float]:
     """Return the lowest order that repeats within the range of the angle, and the highest order."""
     turns = angle_range_turns(channels)
-    return (FEWEST_PERIODS / turns if turns > 0.0 else ORDERS[-1]), ORDERS[-1]
+    # With fewer than one and a half periods, a wave is not seen to repeat.
+    return (1.5 / turns if turns > 0.0 else ORDERS[-1]), ORDERS[-1]
 
 
 class TorqueRipple(MeanEffect):
@@ -122,10 +122,10 @@ class TorqueRipple(MeanEffect):
     def plainer_shape(cls, shape: Shape) -> dict[str, float] | None:
         """Return twice the order, which is the order where only the double harmonic is present."""
         double = 2.0 * shape["harmonic"]
-        return {"harmonic": double} if double <= MAX_HARMONIC else None
+        return {"harmonic": double} if double <= ORDERS[-1] else None
 
 
 def coherent_slots(harmonic: float, speed_noise_rad_s: float, sample_period_s: float) -> int:
     """Return the slots after which white noise of the speed makes the phase of a harmonic drift by one radian (std)."""
-    step = harmonic * speed_noise_rad_s * sample_period_s
-    return int(min(1.0 / step**2, np.iinfo(np.int32).max)) if step > 0 else int(np.iinfo(np.int32).max)
+    step, most = harmonic * speed_noise_rad_s * sample_period_s, int(np.iinfo(np.int32).max)
+    return int(min(1.0 / step**2, most)) if step > 0 else most
