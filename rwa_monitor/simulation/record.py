@@ -22,7 +22,7 @@ from rwa_monitor.simulation.scenario import Scenario, Temperature
 from rwa_monitor.wheel import torque_balance
 from rwa_monitor.wheel.effects.base import Channels, Effect, MeanEffect, NoiseEffect
 from rwa_monitor.wheel.effects.catalogue import build
-from rwa_monitor.wheel.effects.switching_base import Jumps, SwitchingEffect
+from rwa_monitor.wheel.effects.switching_base import JumpClock, Jumps, SwitchingEffect
 from rwa_monitor.wheel.switching_systems import Realisation, simulate_system
 from rwa_monitor.wheel.wheel import Wheel
 
@@ -327,19 +327,17 @@ def _systems(
     scenario: Scenario, wheel: Wheel, channels: Channels, effects: list[SwitchingEffect], streams: _Streams
 ) -> dict[str, Realisation]:
     """Simulate the wheel's switching systems as changed by the switching effects, and the levels that effects add."""
-    clock = next((clock for effect in effects if (clock := effect.clock(channels)) is not None), None)
-    slots = len(channels) if clock is None else clock.slots
+    clocks = [clock for effect in effects if (clock := effect.clock(channels)) is not None]
+    clock = clocks[0] if clocks else JumpClock(np.arange(len(channels)))
     systems: dict[str, Realisation] = {}
     for system, stream in zip(wheel.fss, streams.systems.spawn(len(wheel.fss)), strict=True):
         for effect in effects:
             system = effect.change_system(system)
 
         def factor(slot: int, name: str = system.name) -> float:
-            slot_in_record = slot if clock is None else clock.slot_in_record(slot)
-            return float(scenario.factor_at(name, np.array(slot_in_record * wheel.sample_period_s)))
+            return float(scenario.factor_at(name, np.array(clock.slot_in_record(slot) * wheel.sample_period_s)))
 
-        realisation = simulate_system(system, slots, stream, factor)
-        systems[system.name] = realisation if clock is None else clock.read(realisation)
+        systems[system.name] = clock.read(simulate_system(system, clock.slots, stream, factor))
     for effect, stream in zip(effects, streams.extra_systems.spawn(len(effects)), strict=True):
         level = effect.extra_level(channels, stream)
         if level.any():

@@ -6,7 +6,7 @@ torque that depends on the jumps, which is also a regression column once the jum
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import ClassVar, Final
 
@@ -78,11 +78,6 @@ class Sojourns:
     start: IntArray
     configuration: IntArray
     slots: IntArray
-
-    def of(self, configurations: Sequence[int]) -> Sojourns:
-        """Return the sojourns in some of the configurations."""
-        at = np.isin(self.configuration, configurations)
-        return Sojourns(self.start[at], self.configuration[at], self.slots[at])
 
     def log_likelihood(self, system: SwitchingSystem, slots: IntArray) -> float:
         """Return log P of given durations of these sojourns, int64 (k,), under the known laws, softened.
@@ -177,7 +172,7 @@ class SwitchingEffect(Effect):
         return system
 
     def clock(self, channels: Channels) -> JumpClock | None:
-        """Return the clock on which the switching systems run, None for the record's own."""
+        """Return the clock on which the switching systems run; None for the record's own."""
         return None
 
     def extra_level(self, channels: Channels, rng: np.random.Generator) -> FloatArray:
