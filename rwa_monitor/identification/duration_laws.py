@@ -22,13 +22,14 @@ Leaving out the cut ones would bias the durations downwards: the longest are cut
 """
 
 from collections.abc import Callable, Iterator, Sequence
+from itertools import chain
 from typing import Any, Final, NamedTuple
 
 import numpy as np
 from pydantic import BaseModel
 from scipy import special
 
-from rwa_monitor.samples import BoolArray, FloatArray, IntArray
+from rwa_monitor.samples import FloatArray, IntArray
 from rwa_monitor.switching.duration_likelihoods import broad_pmf
 from rwa_monitor.switching.jump_attribution import SIGMAS, Sojourn
 from rwa_monitor.wheel.durations import LONGEST, Geometric, Histogram, Lognormal, Uniform, Weibull
@@ -37,11 +38,7 @@ from rwa_monitor.wheel.file_content import rounded
 
 NODES: Final = 41  # of each parameter over its posterior
 REACH: Final = (-6.0, 10.0)  # standard errors over which a scale is integrated; cut sojourns only lengthen it
-SHAPES: Final = (0.5, 20.0)  # of a Weibull law: from bursts to almost periodic
 SCALES: Final = float(np.log(1e6))  # width of the prior of a scale's logarithm: from a slot to a day and a half at 8 Hz
-BEYOND: Final = 60  # points of the integral over the tail of a sojourn that outlasts a record
-POINTS: Final = 1000  # at which the survival function is computed before it is reduced to a histogram
-NEGLIGIBLE: Final = 1e-7  # probability of one law of thousands, below which it is left out
 FARTHEST: Final = 100.0  # times the longest sojourn seen: largest duration of a law
 # P(τ ≥ e) at the edges of the histogram; between them it is linear, and the probability outside is less than the share
 # of the broad law that a diagnosis mixes in.
@@ -105,25 +102,18 @@ def learn_laws(sojourns: Sequence[Sequence[Sojourn]]) -> list[LearnedLaw]:
     """
     if not all(sojourns):
         raise ValueError("a configuration without a sojourn has no law to learn")
-    groups: dict[tuple[int, ...], _Group] = {}
-    weighted = []
-    for partition in _partitions(tuple(range(len(sojourns)))):
-        for group in partition:
-            if group not in groups:
-                groups[group] = _learn([one for q in group for one in sojourns[q]])
-        weighted.append((partition, sum(groups[group].log_evidence for group in partition)))
-    weights = special.softmax([evidence for _, evidence in weighted])
-    longest = max(one.slots for seen in sojourns for one in seen)
-    return [
-        _mixture(
-            [
-                (float(weight), next(groups[group] for group in partition if q in group))
-                for weight, (partition, _) in zip(weights, weighted, strict=True)
-            ],
-            FARTHEST * longest,
-        )
-        for q in range(len(sojourns))
-    ]
+    partitions = list(_partitions(tuple(range(len(sojourns)))))
+    groups = {
+        group: _learn([one for q in group for one in sojourns[q]]) for group in set(chain.from_iterable(partitions))
+    }
+    evidence = [sum(groups[group].log_evidence for group in partition) for partition in partitions]
+    weights = special.softmax(evidence).tolist()
+    farthest = FARTHEST * max(one.slots for seen in sojourns for one in seen)
+    laws = []
+    for q in range(len(sojourns)):
+        of_q = [next(groups[group] for group in partition if q in group) for partition in partitions]
+        laws.append(_mixture(list(zip(weights, of_q, strict=True)), farthest))
+    return laws
 
 
 def _partitions(items: tuple[int, ...]) -> Iterator[tuple[tuple[int, ...], ...]]:
@@ -173,7 +163,7 @@ def _log_likelihood(
         total += np.log(nodes.laws.survival(begun)).sum(axis=1)
         total += np.log(nodes.laws.survival(found)).sum(axis=1) - found.size * log_mean
         for length in throughout:
-            at = np.geomspace(length, FARTHEST * length, BEYOND)
+            at = np.geomspace(length, FARTHEST * length, 60)
             total += np.log(np.trapezoid(nodes.laws.survival(at), at, axis=1)) - log_mean
     return total
 
@@ -216,7 +206,7 @@ def _lognormal(typical: FloatArray, _: FloatArray) -> _Nodes:
 
 
 def _weibull(typical: FloatArray, _: FloatArray) -> _Nodes:
-    shape, z, log_weight = _shape_and_scale(SHAPES, typical.size)
+    shape, z, log_weight = _shape_and_scale((0.5, 20.0), typical.size)  # from bursts to almost periodic
     # The mean of log x is log λ - γ/k.
     scale = np.exp(float(np.log(typical).mean()) + (z - special.digamma(1.0)) / shape)
     laws = _laws_at(Weibull, shape=shape, scale=scale)
@@ -243,29 +233,24 @@ FAMILIES: Final[dict[str, Callable[[FloatArray, FloatArray], _Nodes]]] = {
 
 def _mixture(parts: Sequence[tuple[float, _Group]], farthest: float) -> LearnedLaw:
     """Return the predictive law: the mixture of groups by their weights."""
-    at: IntArray = np.unique(np.geomspace(1.0, min(max(farthest, 100.0), LONGEST), POINTS).astype(np.int64))
+    at: IntArray = np.unique(np.geomspace(1.0, min(max(farthest, 100.0), LONGEST), 1000).astype(np.int64))
     survival, shares = np.zeros(at.size), np.zeros(len(FAMILIES))
     log_mean, square = 0.0, 0.0
     for weight, group in parts:
         for f, (nodes, posterior) in enumerate(zip(group.families, group.posterior, strict=True)):
-            likely = posterior * weight > NEGLIGIBLE
+            likely = posterior * weight > 1e-7  # one law of thousands that is less likely is left out
             if not likely.any():
                 continue
-            chosen = _subset(nodes, likely)
-            survival += weight * (posterior[likely] @ chosen.laws.survival(at))
+            parameters = {name: values[likely, 0] for name, values in nodes.laws if name != "law"}
+            survival += weight * (posterior[likely] @ _laws_at(type(nodes.laws), **parameters).survival(at))
             shares[f] += weight * float(posterior.sum())
-            log_mean += weight * float(posterior[likely] @ np.log(chosen.mean))
-            square += weight * float(posterior[likely] @ np.log(chosen.mean) ** 2)
+            log_means = np.log(nodes.mean[likely])
+            log_mean += weight * float(posterior[likely] @ log_means)
+            square += weight * float(posterior[likely] @ log_means**2)
     best = int(np.argmax(shares))
     law = _histogram(at, survival / survival[0])
     error = float(np.sqrt(max(square - log_mean**2, 0.0)))
     return LearnedLaw(law, list(FAMILIES)[best], float(shares[best]), law.mean(), error)
-
-
-def _subset(nodes: _Nodes, at: BoolArray) -> _Nodes:
-    """Return a family at some of its nodes."""
-    parameters = {name: values[at, 0] for name, values in nodes.laws if name != "law"}
-    return _Nodes(_laws_at(type(nodes.laws), **parameters), nodes.log_weight[at], nodes.mean[at])
 
 
 def _histogram(at: IntArray, survival: FloatArray) -> Histogram:

@@ -45,7 +45,6 @@ LARGEST_LAW_ERROR: Final = 0.3
 # attributed to a switching system (a slope that differs between recordings makes such jumps), and a smaller drift is
 # ignored; as a share of all friction, a smaller torque does not impair the result.
 HARMLESS: Final = 0.02
-TYPICAL_WITHIN: Final = 2.5  # standard deviations of a configuration's friction; a uniform law's reach 1.7
 
 
 class Learned(NamedTuple):
@@ -111,7 +110,7 @@ def identify(recordings: Sequence[tuple[str, Samples]], start: Wheel, *, systems
         )
     records = _segments(problem, fitted.jumps, fitted.level + fitted.residual)
     base, base_std = _lowest_level(records)
-    drift = [note for note in (drift_in_words(problem, fitted.jumps, fitted.residual, base),) if note]
+    drift = drift_in_words(problem, fitted.jumps, fitted.residual, base)
     found: list[tuple[_System, Sequence[LearnedLaw]]] = []
     if systems:
         hours = slots * start.sample_period_s / SECONDS_PER_HOUR
@@ -119,7 +118,9 @@ def identify(recordings: Sequence[tuple[str, Samples]], start: Wheel, *, systems
             seen, (base, base_std) = _systems(records, base, hours)
             found = [(system, _laws_of(number, system, hours)) for number, system in enumerate(seen, start=1)]
         except InputError as error:
-            raise InputError(error.source, "; ".join((*drift, error.reason)), error.place) from error
+            raise InputError(
+                error.source, f"{drift}; {error.reason}" if drift else error.reason, error.place
+            ) from error
     if base <= 0:
         raise InputError(names, why_negative(problem, fitted, bare, f"dry friction is negative ({base:.3g} N m)"))
     nominal_speed = rounded(float(np.quantile(problem.motion, 0.95)), 2)
@@ -155,7 +156,7 @@ def identify(recordings: Sequence[tuple[str, Samples]], start: Wheel, *, systems
         f"noise {problem.noise.std:.3g} N m; the variance of a long mean is {inflation:.1f} times that of white noise",
     )
     asked = start.nominal and ask_speed_unit(ImpliedValue(viscous, viscous_std), start.nominal.viscous_Nm_s_rad)
-    warnings = [why for why in (*heat.notes, *drift, unnamed_jumps(problem, fitted.jumps, blocks), cause, asked) if why]
+    warnings = [why for why in (*heat.notes, drift, unnamed_jumps(problem, fitted.jumps, blocks), cause, asked) if why]
     return Learned(Wheel.from_tables(wheel.to_tables(), "learned wheel"), (*head, *notes, *warnings))
 
 
@@ -265,7 +266,8 @@ def _typical(seen: Sequence[Visit]) -> FloatArray:
     """
     friction, std = np.array([(visit.friction, visit.std) for visit in seen]).T
     good = std <= np.median(std)
-    good &= np.abs(friction - np.median(friction[good])) <= TYPICAL_WITHIN * np.std(friction[good])
+    # In standard deviations; those of a uniform law reach 1.7.
+    good &= np.abs(friction - np.median(friction[good])) <= 2.5 * np.std(friction[good])
     return np.asarray(friction[good])
 
 
@@ -274,8 +276,8 @@ def _laws_of(number: int, system: _System, hours: float) -> Sequence[LearnedLaw]
     laws = learn_laws(system.visits)
     worst = max(law.error for law in laws)
     if worst > LARGEST_LAW_ERROR:
-        what = f"the laws of switching system {number}"
-        raise _too_little(what, system.visits, hours, (worst / LARGEST_LAW_ERROR) ** 2)
+        times = (worst / LARGEST_LAW_ERROR) ** 2
+        raise _too_little(f"the laws of switching system {number}", system.visits, hours, times)
     return laws
 
 
@@ -327,22 +329,15 @@ def _block_of(name: str, laws: Sequence[LearnedLaw], system: _System, base_Nm: f
         # Laplace's rule of succession: no transition is ruled out because it was not seen.
         middle = [rounded((sum(ways) + 1) / (len(ways) + 2), 4) for ways in system.ups[1:-1]]
         up = (1.0, *middle, 0.0)
-    return SwitchingSystem(
-        name=name,
-        durations=tuple(law.law for law in laws),
-        friction=tuple(ranges),
-        up=up,
-    )
+    return SwitchingSystem(name=name, durations=tuple(law.law for law in laws), friction=tuple(ranges), up=up)
 
 
 def _note(name: str, laws: Sequence[LearnedLaw], system: _System) -> str:
-    parts = []
-    for q, (law, seen) in enumerate(zip(laws, system.visits, strict=True)):
-        cut = len(seen) - len(_whole(seen))
-        parts.append(
-            f"q = {q}: {law.family} ({100.0 * law.share:.0f} %), mean {law.mean:.4g} ± {law.error * law.mean:.2g} slots"
-            f" from {len(seen)} sojourns{f', {cut} of them cut' if cut else ''}"
-        )
+    parts = [
+        f"q = {q}: {law.family} ({100.0 * law.share:.0f} %), mean {law.mean:.4g} ± {law.error * law.mean:.2g} slots"
+        f" from {len(seen)} sojourns{f', {cut} of them cut' if (cut := len(seen) - len(_whole(seen))) else ''}"
+        for q, (law, seen) in enumerate(zip(laws, system.visits, strict=True))
+    ]
     return f"{name}: {'; '.join(parts)}"
 
 
@@ -352,11 +347,8 @@ def _note(name: str, laws: Sequence[LearnedLaw], system: _System) -> str:
 # A nominal value is useful while its standard deviation is at most about half of the half-width of the built-in model's
 # bands of healthy wheels: 6 % for base dry friction, 4 % for viscous friction.
 LARGEST_ERROR: Final = 0.025
-DRIFT_VISIBLE_AT: Final = 6.0  # standard deviations, above which a drift is significant
 MOST_SYSTEMS: Final = max(len(counts) for tier in TIERS for counts in tier)
-MAX_UNEXPLAINED: Final = 0.1  # share of segments that fit no system; more are not due to chance
 SURE_BY: Final = 3.0  # log-likelihood by which one description must exceed the next: odds of 20
-MOST_TIMES: Final = 10.0  # largest factor on the recordings that is asked for, where two descriptions hardly differ
 
 
 def friction_errors(problem: Problem) -> tuple[float, float]:
@@ -372,18 +364,17 @@ def check_enough(problem: Problem, base: float, viscous: float, names: str, caus
 
     The error asks for more data, or reports `cause` where more data would not help.
     """
-    errors = dict(
-        zip(("base dry", "viscous"), np.array(friction_errors(problem)) / (base, max(viscous, TINY)), strict=True)
-    )
-    worst = max(errors, key=lambda name: errors[name])
-    if errors[worst] > LARGEST_ERROR:
+    dry_std, viscous_std = friction_errors(problem)
+    errors = {"base dry": dry_std / base, "viscous": viscous_std / max(viscous, TINY)}
+    worst, error = max(errors.items(), key=lambda one: one[1])
+    if error > LARGEST_ERROR:
         if cause is not None:
-            raise InputError(names, f"{worst} friction is uncertain by {100.0 * errors[worst]:.2g} %: {cause}")
+            raise InputError(names, f"{worst} friction is uncertain by {100.0 * error:.2g} %: {cause}")
         raise InputError(
             names,
             f"too little data to learn a wheel: {problem.size} samples in motion leave {worst} friction uncertain by"
-            f" {100.0 * errors[worst]:.2g} % ({100.0 * LARGEST_ERROR:.2g} % at most); give about"
-            f" {int(np.ceil((errors[worst] / LARGEST_ERROR) ** 2))} times as many, or a wider range of speeds",
+            f" {100.0 * error:.2g} % ({100.0 * LARGEST_ERROR:.2g} % at most); give about"
+            f" {int(np.ceil((error / LARGEST_ERROR) ** 2))} times as many, or a wider range of speeds",
         )
 
 
@@ -403,7 +394,7 @@ def drift_in_words(problem: Problem, jumps: IntArray, residual: FloatArray, base
         return ""
     per_slot = float(time @ residual) / spread
     over_all = per_slot * sum(record.used.size for record in problem.records)
-    certain = abs(per_slot) > DRIFT_VISIBLE_AT * math.sqrt(problem.noise.long_run_variance / spread)
+    certain = abs(per_slot) > 6.0 * math.sqrt(problem.noise.long_run_variance / spread)
     if not certain or abs(over_all) < HARMLESS * base:
         return ""
     return (
@@ -444,7 +435,7 @@ def check_distinguished(attribution: JumpAttribution, base: float, hours: float)
         If many segments fit no system, if other numbers of configurations fit nearly as well, or if two systems of two
         configurations have jumps of about the same size and duration.
     """
-    if attribution.unexplained > MAX_UNEXPLAINED:
+    if attribution.unexplained > 0.1:  # more are not due to chance
         raise InputError(
             "identify",
             f"{100.0 * attribution.unexplained:.0f} % of the segments between jumps fit no sum of up to {MOST_SYSTEMS}"
@@ -464,7 +455,7 @@ def check_distinguished(attribution: JumpAttribution, base: float, hours: float)
     for alternative, worse in attribution.alternatives:
         # An alternative that only adds systems is none: their gain is below the penalty of their parameters.
         if worse < SURE_BY and Counter(counts) - Counter(alternative):
-            times = int(np.ceil(SURE_BY / max(worse, SURE_BY / MOST_TIMES)))
+            times = min(int(np.ceil(SURE_BY / max(worse, TINY))), 10)
             raise InputError(
                 "identify",
                 f"the jumps may be of {_in_words(counts)}, or nearly as well of {_in_words(alternative)}"
@@ -483,9 +474,6 @@ def _in_words(counts: tuple[int, ...]) -> str:
 # ---- friction that comes out negative --------------------------------------------------------------------------------
 
 
-VISIBLE_AT: Final = 10.0  # standard deviations, above which a torque in the friction is significant, for white noise
-
-
 def why_negative(problem: Problem, fitted: Fit, wheel: Wheel, finding: str) -> str:
     """Report why the estimated friction is negative, or ask for likely reasons.
 
@@ -500,14 +488,12 @@ def why_negative(problem: Problem, fitted: Fit, wheel: Wheel, finding: str) -> s
     finding
         The negative quantity, in words.
     """
-    if not problem.at_one_speed and float(np.mean(problem.z)) < 0:
+    if problem.at_one_speed:
+        return at_one_speed(problem, fitted)
+    if float(np.mean(problem.z)) < 0:
         return f"{finding}, and torque drives the rotation on the average: is the sign of speed or torque right?"
-    cause = cause_of(problem, fitted, wheel)
-    if cause is None:
-        cause = (
-            "drag falls with the speed; is the range of speeds small, or the bearing warmer while the wheel is fast?"
-        )
-    return cause if problem.at_one_speed else f"{finding}, and {cause}"
+    falls = "drag falls with the speed; is the range of speeds small, or the bearing warmer while the wheel is fast?"
+    return f"{finding}, and {cause_of(problem, fitted, wheel) or falls}"
 
 
 def cause_of(problem: Problem, fitted: Fit, wheel: Wheel) -> str | None:
@@ -536,7 +522,7 @@ def _share_of(problem: Problem, fitted: Fit, column: FloatArray, size: float) ->
     design = remove_levels(np.column_stack([column, problem.speed]), first)
     value, std = first_slope(design, remove_levels(problem.z, first))
     large = abs(value) * size >= HARMLESS * math.sqrt(np.mean(problem.z**2))
-    return value, std, large and abs(value) >= VISIBLE_AT * std
+    return value, std, large and abs(value) >= 10.0 * std  # significant although the noise is not white
 
 
 def missing_law(problem: Problem, fitted: Fit) -> str | None:
