@@ -172,9 +172,7 @@ def _filtered(before: Tracked, value: FloatArray, std: FloatArray) -> tuple[Floa
 UNKNOWN: Final = 0.5  # probability of an anomaly about which nothing is known
 LEAST_PRIOR: Final = 1e-9
 OFFSET_STEPS: Final = 1024  # grid over which an unknown offset is integrated, from no offset to all of the dry friction
-PRIOR_ROUNDS: Final = 8  # each reduces the error of the marginal probabilities by about an order of magnitude
 _History = tuple[Coefficient | None, Coefficient | None]  # dry and viscous before the window; None: nothing learned
-MIN_STRAY_MEAN: Final = 0.9  # mean probability of being a stray beyond which values count as unlike anything learned
 
 
 @dataclass(frozen=True, slots=True)
@@ -200,10 +198,10 @@ class Judged:
     """
 
     name: str
-    probability: float
-    active: bool
-    informative: bool
-    unfamiliar: bool
+    probability: float = UNKNOWN
+    active: bool = False
+    informative: bool = False
+    unfamiliar: bool = False
     relies_on_earlier: bool = False
     known: bool = True
 
@@ -239,12 +237,8 @@ def assigned_configurations(features: Features) -> tuple[IntArray, ...]:
 
 def unjudged(features: Features, names: Sequence[str]) -> Judgement:
     """Return the judgement where nothing is known: neither active nor not."""
-    return Judgement(tuple(map(_not_judged, names)), features, {}, assigned_configurations(features))
-
-
-def _not_judged(name: str) -> Judged:
-    """Return the judgement on an anomaly of which nothing is known: neither active nor not."""
-    return Judged(name, UNKNOWN, active=False, informative=False, unfamiliar=False, known=False)
+    judged = tuple(Judged(name, known=False) for name in names)
+    return Judgement(judged, features, {}, assigned_configurations(features))
 
 
 def classify(
@@ -303,7 +297,7 @@ def classify(
     shares, shares_before = shares_of(combinations, posterior), shares_of(combinations, prior)
     for a, (name, learned, share, before) in enumerate(zip(names, models, shares, shares_before, strict=True)):
         if not _is_known(learned):
-            judged.append(_not_judged(name))
+            judged.append(Judged(name, known=False))
             continue
         # Rounding can raise a sum of shares above one: 1 + 2e-16 would be refused as a probability.
         probability = min(1.0, share)
@@ -409,7 +403,7 @@ def _prior(
     """
     prior, rates = _learned_prior(model.simultaneous, tuple(learned and learned.rate for learned in models))
     wanted = _carried_probabilities(names, rates, carried, history)
-    for _ in range(PRIOR_ROUNDS if wanted else 0):
+    for _ in range(8 if wanted else 0):  # each reduces the error by about an order of magnitude
         for a, now in wanted.items():
             there = _all_combinations(len(names))[:, a]
             so_far = float(prior[there].sum()) / float(prior.sum())
@@ -472,7 +466,7 @@ def _quality(features: Features, model: AnomalyModel, a: int) -> tuple[bool, boo
     stray, relative_std = stray_probabilities(model, *found)
     if stray.size == 0:
         return False, False
-    return float(relative_std.min()) < INFORMATIVE_STD, float(stray.sum()) / stray.size > MIN_STRAY_MEAN
+    return float(relative_std.min()) < INFORMATIVE_STD, float(stray.sum()) / stray.size > 0.9
 
 
 def _logit(probability: float) -> float:

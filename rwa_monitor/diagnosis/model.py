@@ -21,13 +21,6 @@ from rwa_monitor.wheel.wheel import RESERVED_ANOMALIES, SwitchingSystem, Wheel
 
 BUILT_IN_MODEL_FILE: Final = "built_in_model.json"
 
-# Where a system's healthy friction is stated in the wheel file and no anomaly was learned: softness of the stated
-# edges and scale of anomalies, as shares of the middle; share of strays; probability before anything is seen.
-STATED_SOFT: Final = 0.03
-STATED_REACH: Final = 0.4
-STATED_STRAY: Final = 0.02
-STATED_RATE: Final = 0.1
-
 
 class Band(Range):
     """Where values of one class lie: uniform on [low, high], the edges softened by a Gaussian of std `soft`.
@@ -227,19 +220,19 @@ class Model(Hashed):
 def from_stated_friction(system: SwitchingSystem) -> AnomalyModel | None:
     """Return a system's healthy friction as the wheel file states it, as a model without a learned anomaly.
 
-    None where it does not state it, or not for any configuration above q = 0.
+    The softness of the stated edges and the scale of anomalies are shares of the middle. None where the wheel file does
+    not state it, or not for any configuration above q = 0.
     """
     if system.friction is None or all(stated.high <= 0 for stated in system.friction[1:]):
         return None
     levels: list[Levels | None] = [None]
     for stated in system.friction[1:]:
-        if stated.middle <= 0:
-            levels.append(None)
-            continue
-        band = Band(low=stated.low, high=stated.high, soft=STATED_SOFT * stated.middle)
-        reach = STATED_REACH * stated.middle
-        levels.append(Levels(nominal=band, anomalous=None, stray=STATED_STRAY, reach=reach, median=None))
-    return AnomalyModel(name=system.name, levels=tuple(levels), svm=None, rate=STATED_RATE)
+        middle, level = stated.middle, None
+        if middle > 0:
+            band = Band(low=stated.low, high=stated.high, soft=0.03 * middle)
+            level = Levels(nominal=band, anomalous=None, stray=0.02, reach=0.4 * middle, median=None)
+        levels.append(level)
+    return AnomalyModel(name=system.name, levels=tuple(levels), svm=None, rate=0.1)
 
 
 def models_for(wheel: Wheel, model: Model | None) -> list[AnomalyModel | None]:
@@ -250,12 +243,8 @@ def models_for(wheel: Wheel, model: Model | None) -> list[AnomalyModel | None]:
     """
     if model is None or wheel.nominal is None:
         return [None] * len(wheel.anomalies)
-    models: list[AnomalyModel | None] = [
-        model.anomaly("dry"),
-        with_wider_band(model.anomaly("viscous"), wheel.nominal.viscous_spread)
-        if wheel.nominal.viscous_Nm_s_rad > 0
-        else None,
-    ]
+    viscous = with_wider_band(model.anomaly("viscous"), wheel.nominal.viscous_spread)
+    models = [model.anomaly("dry"), viscous if wheel.nominal.viscous_Nm_s_rad > 0 else None]
     for system in wheel.fss:
         learned = model.anomaly(system.name)
         models.append(learned if learned and learned.serves(system) else from_stated_friction(system))
