@@ -425,12 +425,11 @@ def _learned_prior(
     of_count = np.array([simultaneous[min(k, len(simultaneous) - 1)] / math.comb(total, k) for k in range(total + 1)])
     prior = of_count[count] / of_count[count].sum()
     log_prior = np.log(prior)
-    rates = []
-    for a, rate in enumerate(learned):
-        before = float(prior[combinations[:, a]].sum())
-        rates.append(before if rate is None else rate)
-        log_prior += combinations[:, a] * (_logit(rates[a]) - _logit(before))
-    return softmax(log_prior), tuple(rates)
+    shares = shares_of(combinations, prior)
+    rates = tuple(share if rate is None else rate for rate, share in zip(learned, shares, strict=True))
+    for there, rate, share in zip(combinations.T, rates, shares, strict=True):
+        log_prior += there * (_logit(rate) - _logit(share))
+    return softmax(log_prior), rates
 
 
 def _carried_probabilities(
@@ -441,14 +440,13 @@ def _carried_probabilities(
     That of a coefficient which they measured comes from its value; the others' from the last judgement, and the
     probability of a change since.
     """
-    shown: dict[int, float] = {}
-    for a, (name, rate) in enumerate(zip(names, rates, strict=True)):
-        value = history[a] if a < 2 else None
-        if value is not None and value.before is not None:
-            shown[a] = value.prior
-        elif name in carried.probability:
-            shown[a] = probability_before(carried.probability[name], rate)
-    return {a: _clipped(p) for a, p in shown.items()}
+    shown = {
+        a: probability_before(carried.probability[name], rate)
+        for a, (name, rate) in enumerate(zip(names, rates, strict=True))
+        if name in carried.probability
+    }
+    shown |= {a: value.prior for a, value in enumerate(history) if value and value.before}
+    return {a: _clipped(p) for a, p in sorted(shown.items())}
 
 
 def _is_known(model: AnomalyModel | None) -> TypeGuard[AnomalyModel]:

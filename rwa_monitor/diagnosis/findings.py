@@ -202,9 +202,8 @@ def changepoints_of(assignment: Assignment, wheel: Wheel, start_ns: int = 0) -> 
     torque = wheel.torque_unit_Nm
     order = np.argsort(assignment.index, kind="stable")
     # Of two jumps with no usable sample between them only the sum is known: either may be all of it.
-    std, open_ended = assignment.jump_std, ~np.isfinite(assignment.jump_std)
-    if open_ended.any():
-        std = np.where(open_ended, np.abs(assignment.jump[open_ended]).sum(), std)
+    open_ended = ~np.isfinite(assignment.jump_std)
+    std = np.where(open_ended, np.abs(assignment.jump[open_ended]).sum(), assignment.jump_std)
     columns = (assignment.index, assignment.jump * torque, std * torque, assignment.system, assignment.confidence)
     return [
         AttributedChangepoint(
