@@ -9,7 +9,7 @@
 
 import math
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from itertools import pairwise
 from typing import Final, NamedTuple
 
@@ -125,10 +125,11 @@ def identify(recordings: Sequence[tuple[str, Samples]], start: Wheel, *, systems
         raise InputError(names, why_negative(problem, fitted, bare, f"dry friction is negative ({base:.3g} N m)"))
     nominal_speed = rounded(float(np.quantile(problem.motion, 0.95)), 2)
     cause = cause_of(problem, fitted, bare)
-    check_enough(problem, base, viscous, names, cause)
+    dry_std, viscous_std = friction_errors(problem)
+    errors = {"base dry": dry_std / base, "viscous": viscous_std / max(viscous, TINY)}
+    check_enough(problem.size, errors, names, cause)
     blocks = [_block_of(f"fss_{number}", laws, system, base) for number, (system, laws) in enumerate(found, start=1)]
     notes = [_note(block.name, laws, system) for block, (system, laws) in zip(blocks, found, strict=True)]
-    dry_std, viscous_std = friction_errors(problem)
     dry_std = float(np.hypot(dry_std, base_std))
     wheel = bare.model_copy(
         update={
@@ -359,20 +360,19 @@ def friction_errors(problem: Problem) -> tuple[float, float]:
     return float(np.hypot(np.sqrt(variance / problem.size), mean * viscous_std)), viscous_std
 
 
-def check_enough(problem: Problem, base: float, viscous: float, names: str, cause: str | None) -> None:
+def check_enough(samples: int, errors: Mapping[str, float], names: str, cause: str | None) -> None:
     """Raise InputError where the nominal friction is too uncertain to distinguish a healthy wheel from a failing one.
 
-    The error asks for more data, or reports `cause` where more data would not help.
+    `errors`: relative ones, by kind of friction. The error raised asks for more data than these samples, or reports
+    `cause` where more data would not help.
     """
-    dry_std, viscous_std = friction_errors(problem)
-    errors = {"base dry": dry_std / base, "viscous": viscous_std / max(viscous, TINY)}
     worst, error = max(errors.items(), key=lambda one: one[1])
     if error > LARGEST_ERROR:
         if cause is not None:
             raise InputError(names, f"{worst} friction is uncertain by {100.0 * error:.2g} %: {cause}")
         raise InputError(
             names,
-            f"too little data to learn a wheel: {problem.size} samples in motion leave {worst} friction uncertain by"
+            f"too little data to learn a wheel: {samples} samples in motion leave {worst} friction uncertain by"
             f" {100.0 * error:.2g} % ({100.0 * LARGEST_ERROR:.2g} % at most); give about"
             f" {int(np.ceil((error / LARGEST_ERROR) ** 2))} times as many, or a wider range of speeds",
         )
