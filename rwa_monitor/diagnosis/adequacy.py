@@ -122,6 +122,7 @@ def slope_finding(evidence: Evidence, estimate: Estimate) -> Adequacy | None:
         return None
     finding = f"the viscous slope differs between intervals ({disagreeing} of {deviation.size})"
     trend = _rank_correlation(speed, deviation) if np.ptp(speed) > 0 and np.ptp(deviation) > 0 else 0.0
+    # Only a clear trend of the slopes over the speed suggests an effect by its sign.
     suspect = "sublinear_viscous" if trend < 0.0 else "quadratic_drag"
     return Adequacy(suspect if abs(trend) > 0.6 else None, finding)
 
@@ -141,7 +142,7 @@ def _slope_deviations(evidence: Evidence, estimate: Estimate) -> tuple[FloatArra
     variance = evidence.noise.long_variance
     n = np.maximum(count, 1.0)
     spread, cross = xx - x * x / n, xz - x * z / n
-    # The speed must vary within the interval by more than rounding, or rounding is taken for a slope.
+    # The slope of a shorter interval is not used, and the speed must vary within it by more than rounding.
     valid = (count >= 30.0) & (spread > SMALLEST_SPREAD * np.maximum(xx, TINY))
     if np.count_nonzero(valid) < 2 or not variance > 0.0:
         return np.zeros(0), np.zeros(0)
@@ -242,7 +243,7 @@ def near_zero_deviations(evidence: Evidence, estimate: Estimate) -> tuple[FloatA
         if high > low:  # a jump lies in or next to the crossing: the worst block holds it
             counted[np.argmax(square[best])] = 0.0
         samples = float(counted @ count)
-        if samples >= 4.0:
+        if samples >= 4.0:  # fewer give no mean square
             squares.append(float(counted @ square[best]) / samples)
             deviations.append(float(counted @ (z - count * expected[best])) / samples)
     return np.array(squares) / evidence.noise.std**2, np.array(deviations)
@@ -417,6 +418,7 @@ def uncertainty_of(
     blocks = residual_blocks(evidence, estimate, BLOCK)
     slope, level, spread = _moved_by_shapes(blocks, _shapes(blocks, evidence, estimate, wheel), evidence)
     length = np.bincount(blocks.interval, blocks.usable, blocks.intervals) * BLOCK
+    # The lowest level is that of an interval of at least a hundredth of the window.
     long = (length >= 0.01 * evidence.slots) & np.isfinite(estimate.level)
     above = max(components.base_dry - float(estimate.level[long].min()), 0.0) if long.any() else 0.0
     # Levels are in units of the nominal dry torque.
@@ -527,6 +529,7 @@ def _moved_by_shapes(blocks: Blocks, shapes: FloatArray, evidence: Evidence) -> 
         together = math.sqrt(total @ moved**2 / whole)
         apart = math.sqrt(total @ (moved - mean) ** 2 / whole)
         found.append((strength**2 * energy / variance, abs(strength * tilt), together, apart))
+    # Shapes count that explain at least half as much of χ² as the best one does.
     best = max((fall for fall, *_ in found), default=0.0)
     kept = [moves for fall, *moves in found if fall >= max(CLEAR_SIGMAS**2, 0.5 * best)]
     slope, level, spread = np.max([[0.0, 0.0, 0.0], *kept], axis=0).tolist()

@@ -464,6 +464,7 @@ def _quality(features: Features, model: AnomalyModel, a: int) -> tuple[bool, boo
     stray, relative_std = stray_probabilities(model, *found)
     if stray.size == 0:
         return False, False
+    # Values are unlike everything learned if they are strays with a mean probability of 90 %.
     return float(relative_std.min()) < INFORMATIVE_STD, float(stray.sum()) / stray.size > 0.9
 
 

@@ -124,6 +124,7 @@ def fit_levels(value: FloatArray, std: FloatArray, anomalous: BoolArray, min_sof
         return None
     middle = float(np.median(healthy))
     median = float(np.median(ill)) if ill.size >= MIN_WINDOWS else None
+    # Where no anomaly was seen, the scale of other values is a share of the nominal middle.
     reach = 0.3 * abs(middle) if median is None else abs(median - middle)
     reach = max(reach, 1e-3)
     nominal, stray = _fit_band(healthy, std[~anomalous], min_soft * reach, reach)

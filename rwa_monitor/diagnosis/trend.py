@@ -90,7 +90,7 @@ class Lines(NamedTuple):
 
     def crossing(self, limit: float, side: int, share: float) -> float:
         """Return the time by which a limit is passed with probability `share` [s]; infinite if never."""
-        far = self.now_s + 1e3 * self.span_s
+        far = self.now_s + 1e3 * self.span_s  # beyond, a limit is never reached
         if self.beyond(self.now_s, limit, side) >= share:
             return self.now_s
         if self.beyond(far, limit, side) < share:

@@ -96,6 +96,7 @@ def _follows_temperature(problem: Problem, fitted: Fit) -> bool:
     follows = fit(problem, (problem.speed * temperature)[:, None])
     # A lubricant's viscosity falls with temperature.
     falls = -float(follows.coefficients[1]) * float(np.std(problem.speed * temperature))
+    # A standard deviation of friction from temperature below half a per cent of the lowest level is ignored.
     better = criterion(problem, fitted) - criterion(problem, follows) >= ACCEPT_GAIN
     return better and falls >= 0.005 * abs(float(fitted.level.min()))
 

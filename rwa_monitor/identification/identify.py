@@ -394,6 +394,7 @@ def drift_in_words(problem: Problem, jumps: IntArray, residual: FloatArray, base
         return ""
     per_slot = float(time @ residual) / spread
     over_all = per_slot * sum(record.used.size for record in problem.records)
+    # Six standard deviations are significant.
     certain = abs(per_slot) > 6.0 * math.sqrt(problem.noise.long_run_variance / spread)
     if not certain or abs(over_all) < HARMLESS * base:
         return ""

@@ -6,7 +6,7 @@ from scipy import stats
 
 from rwa_monitor.errors import InputError
 from rwa_monitor.simulation.motion import SpeedProfile
-from rwa_monitor.simulation.record import VISIBLE_INFORMATION, bearing_temperature, cut, measure, simulate
+from rwa_monitor.simulation.record import VISIBLE_INFORMATION, bearing_temperature, cut, simulate
 from rwa_monitor.simulation.scenario import Anomaly, Base, Fault, FrictionNoise, Scenario, Sensors
 from rwa_monitor.wheel import torque_balance as tb
 from rwa_monitor.wheel.durations import Uniform
@@ -309,14 +309,6 @@ def test_ar1_has_its_coefficient_and_begins_in_its_stationary_law():
         assert np.corrcoef(drawn[lag:], drawn[:-lag])[0, 1] == pytest.approx(0.8**lag, abs=0.03)
     first = [noise.draw(1.0, 2, np.random.default_rng(seed))[0] for seed in range(3_000)]
     assert stats.kstest(first, "norm").pvalue > 1e-5
-
-
-def test_a_sensor_rounds_to_its_quantum_after_its_noise():
-    true = np.linspace(-1, 1, N)
-    reading = measure(true, 0.05, 0.01, np.random.default_rng(3))
-    assert np.allclose(reading / 0.01, np.rint(reading / 0.01), atol=1e-9)
-    assert np.std(reading - true) == pytest.approx(np.hypot(0.05, 0.01 / np.sqrt(12)), rel=0.02)
-    assert np.array_equal(measure(true, 0.0, 0.0, np.random.default_rng(3)), true)
 
 
 def test_temperature_swings_with_the_orbit_and_follows_dissipation_with_a_lag():
