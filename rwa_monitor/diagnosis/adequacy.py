@@ -61,9 +61,6 @@ PERSISTS: Final = (60.0, 0.18)
 NEAR_ZERO_RATIO: Final = 5.0  # mean squared deviation over the noise's from which a crossing disagrees
 SIDE_BLOCKS: Final = 4  # on either side of a crossing
 CLEAR_SIGMAS: Final = 5.0  # from which a difference of sides, or what a missing effect explains, counts at all
-# Least and largest allowance for autocorrelated noise, whose spectrum may peak at the very frequency of a harmonic;
-# beyond the largest no ripple could be detected at all.
-RIPPLE_NOISE_FACTORS: Final = (2.0, 8.0)
 
 
 class Adequacy(NamedTuple):
@@ -262,9 +259,10 @@ def ripple_finding(evidence: Evidence) -> Adequacy | None:
     power = np.where(valid, np.minimum(ripple, 40.0), 0.0).sum(axis=0)
     over_chance = power / _ripple_by_chance(*ripple.shape)[np.count_nonzero(valid, axis=0)]
     strongest = int(np.argmax(over_chance))
-    # The least allowance is tested first: it nearly always decides, and the spectrum need not be computed.
-    found, (least, most) = over_chance[strongest], RIPPLE_NOISE_FACTORS
-    if found < least or found < min(_spectral_peak(evidence.noise.autocovariance), most):
+    # The spectrum of autocorrelated noise may peak at the very frequency of a harmonic: it is allowed a factor of 2 to
+    # 8, beyond which no ripple could be detected at all. The least is tested first and nearly always decides.
+    found = over_chance[strongest]
+    if found < 2.0 or found < min(_spectral_peak(evidence.noise.autocovariance), 8.0):
         return None
     return Adequacy("torque_ripple", f"friction repeats with the wheel's angle, {strongest + 1} times in a turn")
 

@@ -48,11 +48,6 @@ from rwa_monitor.switching.carried_state import CarriedState, Tracked, probabili
 
 # A value is uninformative if its standard deviation exceeds this share of the distance between nominal and anomalous.
 INFORMATIVE_STD: Final = 0.4
-# A window alone decides on a coefficient if the middle between the two is two standard deviations away from either.
-DECISIVE_STD: Final = 0.25
-# Least probability that a value is still the one measured earlier for a window to rely on that: it was measured within
-# the last ten windows.
-MIN_HELD_PROBABILITY: Final = 0.8
 
 
 class Coefficient(NamedTuple):
@@ -112,13 +107,17 @@ class Coefficient(NamedTuple):
         return std < INFORMATIVE_STD * self.levels.reach
 
     def relies_on_earlier(self, std: float) -> bool:
-        """Return whether a window that measured the coefficient with `std` relies on earlier, better ones."""
+        """Return whether a window that measured the coefficient with `std` relies on earlier, better ones.
+
+        A window alone decides if the middle between nominal and anomalous is two standard deviations away from either.
+        An earlier value is relied on that was measured within the last ten windows, so that it probably still holds.
+        """
         before = self.before
         return (
             before is not None
-            and before.held > MIN_HELD_PROBABILITY
+            and before.held > 0.8
             and before.std < min(std, INFORMATIVE_STD * self.levels.reach)
-            and not std < DECISIVE_STD * self.levels.reach
+            and not std < 0.25 * self.levels.reach
         )
 
     def after(self, value: float, std: float) -> Tracked | None:

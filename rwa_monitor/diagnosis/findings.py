@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from rwa_monitor.changepoints.stage_results import REJECTED, UNATTRIBUTED, Assignment, Evidence
-from rwa_monitor.diagnosis.adequacy import FITS, Adequacy
+from rwa_monitor.diagnosis.adequacy import Adequacy
 from rwa_monitor.diagnosis.classification import Judged, Judgement
 from rwa_monitor.diagnosis.features import Features
 from rwa_monitor.diagnosis.model import AnomalyModel, Levels, Model, models_for
@@ -118,9 +118,9 @@ class Findings(NamedTuple):
     inputs: DiagnosisInput
     anomalies: tuple[AnomalyDiagnosis, ...]
     base_known: bool
-    fits: Adequacy = FITS
-    unnamed_jumps: bool = False
-    temperature_uncertainty: str = ""
+    fits: Adequacy
+    unnamed_jumps: bool
+    temperature_uncertainty: str
 
     def because_of_temperature(self, names: Sequence[str]) -> str:
         """Return the end of a reason, on temperature, why these anomalies are not judged; "" where `lacking` has it."""

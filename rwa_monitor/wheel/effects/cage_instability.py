@@ -11,8 +11,6 @@ from rwa_monitor.samples import BoolArray, FloatArray
 from rwa_monitor.wheel.effects.base import Channels, LikelihoodFit, NoiseEffect, Parameter, usable_residuals
 from rwa_monitor.wheel.effects.noise_laws import HeavyTailedNoise
 
-FEWEST_BURSTS: Final = 5  # fewer may be chance
-
 
 class CageInstability(NoiseEffect):
     """Bursts of extra drag and extra noise while the speed is in a band.
@@ -77,8 +75,8 @@ class CageInstability(NoiseEffect):
             return nothing
         gain, noise, on = found
         drag = _drag_of_bursts(residual_Nm * channels.direction, usable, on)
-        # Noise without drag is no cage instability; that there are bursts is tested separately.
-        if drag.size < FEWEST_BURSTS or stats.wilcoxon(drag, alternative="greater").pvalue > 0.2:
+        # Fewer than five may be chance, and noise without drag is no cage instability.
+        if drag.size < 5 or stats.wilcoxon(drag, alternative="greater").pvalue > 0.2:
             return nothing
         middle = max(float(np.median(drag)), 0.0)
         spread = 1.4826 * float(np.median(np.abs(drag - middle)))  # of a Gaussian, by its median absolute deviation
@@ -144,7 +142,6 @@ def _bursts(slots: int, period_s: float, burst_s: float, quiet_s: float, rng: np
 BINS: Final = 40  # of |ω|; each has its own scale of the differences
 FEWEST_IN_BIN: Final = 20  # differences for a scale
 SHORTEST_STAY: Final = 16.0  # slots, mean duration of a state: shorter bursts cannot be distinguished from heavy tails
-LEAST_FREEDOM: Final = HeavyTailedNoise.parameters[0].low  # degrees of freedom: a variance exists
 
 
 def find_bursts(
@@ -270,7 +267,7 @@ def _with_other_edges(loss: Callable[[FloatArray], float], best: FloatArray, low
 
 def _freedom(x: float) -> float:
     """Return degrees of freedom from their logarithm, limited from the lowest with a variance to a Gaussian."""
-    return float(np.exp(np.clip(x, -20.0, np.log(400.0)))) + LEAST_FREEDOM
+    return float(np.exp(np.clip(x, -20.0, np.log(400.0)))) + HeavyTailedNoise.parameters[0].low
 
 
 def _rates(x: FloatArray) -> tuple[float, float]:

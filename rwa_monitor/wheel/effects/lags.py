@@ -1,7 +1,5 @@
 """Drag that depends on the past: it lags the speed, or the sign of the speed, or drifts with time."""
 
-from typing import Final
-
 import numpy as np
 
 from rwa_monitor.kernels.effects import dahl_bristle, first_order_lag
@@ -58,9 +56,6 @@ class LubricantLag(MeanEffect):
         return float(strengths[0]) >= -5.0 * viscous_Nm_s_rad
 
 
-SEEN_SLOTS: Final = 3  # after a reversal: fewer do not determine a shape
-
-
 def _slot_at_reversal(channels: Channels) -> float:
     """Return half the angle that a slot at a reversal covers, |dω/dt|·Δt²/2 [rad]."""
     return 0.5 * channels.speed_step_rad_s * channels.sample_period_s
@@ -111,11 +106,11 @@ class Presliding(MeanEffect):
 
     @classmethod
     def unresolved_as(cls, channels: Channels, shape: Shape) -> str:
-        """Return the dead zone where a reversal at the usual |dω/dt| turns through the angle in less than SEEN_SLOTS.
+        """Return the dead zone where a reversal at the usual |dω/dt| turns through the angle in less than three slots.
 
-        Then only the first samples after a change of sign are off.
+        Then only the first samples after a change of sign are off, which do not determine a shape.
         """
-        return "" if shape["breakaway_angle_rad"] >= SEEN_SLOTS**2 * _slot_at_reversal(channels) else SpeedDeadZone.name
+        return "" if shape["breakaway_angle_rad"] >= 3**2 * _slot_at_reversal(channels) else SpeedDeadZone.name
 
 
 def _shown_drift(channels: Channels) -> tuple[float, float]:

@@ -9,7 +9,6 @@ from rwa_monitor.kernels.noise import CHI_MEDIAN
 from rwa_monitor.samples import BoolArray, FloatArray
 from rwa_monitor.wheel.effects.base import Channels, LikelihoodFit, MeanEffect, NoiseEffect, Parameter, Shape
 
-FEWEST_RESTS: Final = 25.0  # readings that rest while the wheel moves: probability 3e-8 by chance
 PARTS: Final = 4  # of the speeds between the edge and twice the edge: a wheel that passes them has readings in each
 
 
@@ -119,7 +118,8 @@ def read_zone(speed_rad_s: FloatArray, step_rad_s: float) -> ReadZone | None:
     filled = np.bincount(((size[passed] / width - 1.0) * PARTS).astype(np.int64), minlength=PARTS)[:PARTS]
     count = 1.0 * min(int(filled.sum()), int(between[crossed].sum()))
     count *= max(width - step_rad_s, 0.0) / width
-    if count < FEWEST_RESTS or filled.min() < 0.25 * filled.mean():  # filled unevenly: a dwell next to zero
+    # Of fewer rests the probability by chance is above 3e-8; a range filled unevenly is of a dwell next to zero.
+    if count < 25.0 or filled.min() < 0.25 * filled.mean():
         return None
     # A wheel that crosses an existing zone fast leaves a reading that is held for a sample or two.
     side_of_run = np.sign(reading[begins])
@@ -130,7 +130,6 @@ def read_zone(speed_rad_s: FloatArray, step_rad_s: float) -> ReadZone | None:
 
 
 SMOOTHING_SLOTS: Final = (7, 15)  # of the parabola that estimates the true speed: for one that bends much, or little
-SHARE_OF_SCATTER: Final = 0.25  # least share of rounding in the readings' variance; below, noise dominates
 
 
 class TachometerQuantisation(NoiseEffect):
@@ -192,7 +191,7 @@ class TachometerQuantisation(NoiseEffect):
             followed = signal.savgol_coeffs(slots, 2)[slots // 2]  # weight of a sample in its own fitted value
             # By the median, which outliers do not move.
             scatter = float(np.nanmedian(error**2)) / CHI_MEDIAN / (1.0 - followed)
-            if step**2 / 12.0 >= SHARE_OF_SCATTER * scatter:
+            if step**2 / 12.0 >= 0.25 * scatter:  # of less rounding in the readings' variance, noise dominates
                 fits += [
                     cls._regress(residual_Nm, error, usable, channels.sample_period_s, step, stencil)
                     for stencil in (1, min(8, slots // 2))  # 8: a Savitzky-Golay window of 2 s at 8 Hz
