@@ -6,7 +6,7 @@ torque that depends on the jumps, which is also a regression column once the jum
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import ClassVar, Final
 
@@ -78,6 +78,11 @@ class Sojourns:
     start: IntArray
     configuration: IntArray
     slots: IntArray
+
+    def of(self, configurations: Sequence[int]) -> Sojourns:
+        """Return the sojourns in some of the configurations."""
+        at = np.isin(self.configuration, configurations)
+        return Sojourns(self.start[at], self.configuration[at], self.slots[at])
 
     def log_likelihood(self, system: SwitchingSystem, slots: IntArray) -> float:
         """Return log P of given durations of these sojourns, int64 (k,), under the known laws, softened.
