@@ -275,10 +275,9 @@ def classify(
     prior = _prior(models, names, model, carried, history)
     log_prior = np.log(prior)
     by_path = softmax(log_prior + log_likelihood)
-    posterior = by_path.sum(axis=0)
-    likeliest = max(
-        (s for s, one in enumerate(conditional) if one.same_jumps), key=lambda s: float(by_path[s].sum()), default=None
-    )
+    posterior, weights = by_path.sum(axis=0), by_path.sum(axis=1)
+    same_jumps = (s for s, one in enumerate(conditional) if one.same_jumps)
+    likeliest = max(same_jumps, key=lambda s: float(weights[s]), default=None)
     configurations = assigned_configurations(features if likeliest is None else conditional[likeliest])
     ambiguity = None
     if not features.base_known:
@@ -288,7 +287,7 @@ def classify(
         base = dry.after(features.base_dry, features.base_dry_std) if dry else None
     else:
         number = ambiguity.number(combinations)
-        features = _widened(ambiguity.apply(features, posterior, number), conditional, by_path.sum(axis=1))
+        features = _widened(ambiguity.apply(features, posterior, number), conditional, weights)
         # The window identifies only the sum of the base and a system's friction: no new value replaces the old one.
         base = dry.before.changed(held=ambiguity.held_after(posterior, number)) if dry and dry.before else None
 

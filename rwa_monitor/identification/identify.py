@@ -118,9 +118,7 @@ def identify(recordings: Sequence[tuple[str, Samples]], start: Wheel, *, systems
             seen, (base, base_std) = _systems(records, base, hours)
             found = [(system, _laws_of(number, system, hours)) for number, system in enumerate(seen, start=1)]
         except InputError as error:
-            raise InputError(
-                error.source, f"{drift}; {error.reason}" if drift else error.reason, error.place
-            ) from error
+            raise InputError(error.source, "; ".join(filter(None, (drift, error.reason))), error.place) from error
     if base <= 0:
         raise InputError(names, why_negative(problem, fitted, bare, f"dry friction is negative ({base:.3g} N m)"))
     nominal_speed = rounded(float(np.quantile(problem.motion, 0.95)), 2)
@@ -334,11 +332,13 @@ def _block_of(name: str, laws: Sequence[LearnedLaw], system: _System, base_Nm: f
 
 
 def _note(name: str, laws: Sequence[LearnedLaw], system: _System) -> str:
-    parts = [
-        f"q = {q}: {law.family} ({100.0 * law.share:.0f} %), mean {law.mean:.4g} ± {law.error * law.mean:.2g} slots"
-        f" from {len(seen)} sojourns{f', {cut} of them cut' if (cut := len(seen) - len(_whole(seen))) else ''}"
-        for q, (law, seen) in enumerate(zip(laws, system.visits, strict=True))
-    ]
+    parts = []
+    for q, (law, seen) in enumerate(zip(laws, system.visits, strict=True)):
+        cut = len(seen) - len(_whole(seen))
+        parts.append(
+            f"q = {q}: {law.family} ({100.0 * law.share:.0f} %), mean {law.mean:.4g} ± {law.error * law.mean:.2g} slots"
+            f" from {len(seen)} sojourns{f', {cut} of them cut' if cut else ''}"
+        )
     return f"{name}: {'; '.join(parts)}"
 
 
