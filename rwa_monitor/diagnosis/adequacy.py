@@ -48,8 +48,16 @@ DISAGREEING_SIGMAS: Final = 4.0
 # A single missed jump or sojourn distorts one or two intervals, or lies in two crossings, and a healthy window may have
 # an unattributed jump. Only this many or more are evidence against the model.
 MIN_EVIDENCE: Final = 3
+DISAGREEING_SHARE: Final = 0.25
+MIN_INTERVAL: Final = 30.0  # samples: the slope of a shorter interval is not used
 SMALLEST_SPREAD: Final = 1e-9  # centred over plain sum of squares: below, rounding dominates the centred one
+# Healthy windows have at most 1.2 standard deviations more jumps than expected (their durations are more regular than a
+# Poisson process, whose spread is used).
+EXCESS_SIGMAS: Final = 3.0
+CLEAR_TREND: Final = 0.6  # rank correlation of slope and speed from which its sign suggests an effect
+
 PERSISTENCE_LAGS: Final = range(2, 9)
+FEWEST_BLOCKS: Final = 40  # with fewer, the statistic's asymptotic distribution does not hold
 # Residuals of blocks are compared with those two to eight blocks later, so that at least one block lies in between.
 # Noise with a memory shorter than a block gives χ² with seven degrees of freedom; AR(1) noise is corrected for.
 # Least significance, and least size in standard deviations of the noise: friction derived from speed by a filter of 2 s
@@ -59,8 +67,20 @@ SHORT_PERSISTS: Final = (400.0, 0.10)
 PERSISTS: Final = (60.0, 0.18)
 
 NEAR_ZERO_RATIO: Final = 5.0  # mean squared deviation over the noise's from which a crossing disagrees
+FEWEST_CROSSINGS: Final = 2  # that must disagree: a short sojourn may fall into one
+FEWEST_NEAR_ZERO: Final = 4.0  # samples of a crossing
+
 SIDE_BLOCKS: Final = 4  # on either side of a crossing
+SIDE_SHARE: Final = 0.75  # of all crossings
+EQUAL_FACTOR: Final = 2.0  # factor about their median within which the differences count as equal: jumps vary more
 CLEAR_SIGMAS: Final = 5.0  # from which a difference of sides, or what a missing effect explains, counts at all
+SMALLEST_SIDE: Final = 0.2  # standard deviations of the noise: a smaller difference is ignored
+
+RIPPLE_CAP: Final = 40.0  # upper limit of the power in one segment: a jump in it has power at all frequencies
+RIPPLE_CHANCE: Final = 1e-4  # false-alarm probability of all harmonics in a window, for white noise
+# Least and largest allowance for autocorrelated noise, whose spectrum may peak at the very frequency of a harmonic;
+# beyond the largest no ripple could be detected at all.
+RIPPLE_NOISE_FACTORS: Final = (2.0, 8.0)
 
 
 class Adequacy(NamedTuple):
@@ -115,13 +135,12 @@ def slope_finding(evidence: Evidence, estimate: Estimate) -> Adequacy | None:
     """Compare the slopes of the intervals."""
     deviation, speed = _slope_deviations(evidence, estimate)
     disagreeing = int((np.abs(deviation) > DISAGREEING_SIGMAS).sum())
-    if disagreeing < max(MIN_EVIDENCE, 0.25 * deviation.size):
+    if disagreeing < max(MIN_EVIDENCE, DISAGREEING_SHARE * deviation.size):
         return None
     finding = f"the viscous slope differs between intervals ({disagreeing} of {deviation.size})"
     trend = _rank_correlation(speed, deviation) if np.ptp(speed) > 0 and np.ptp(deviation) > 0 else 0.0
-    # Only a clear trend of the slopes over the speed suggests an effect by its sign.
     suspect = "sublinear_viscous" if trend < 0.0 else "quadratic_drag"
-    return Adequacy(suspect if abs(trend) > 0.6 else None, finding)
+    return Adequacy(suspect if abs(trend) > CLEAR_TREND else None, finding)
 
 
 def _rank_correlation(x: FloatArray, y: FloatArray) -> float:
@@ -139,8 +158,8 @@ def _slope_deviations(evidence: Evidence, estimate: Estimate) -> tuple[FloatArra
     variance = evidence.noise.long_variance
     n = np.maximum(count, 1.0)
     spread, cross = xx - x * x / n, xz - x * z / n
-    # The slope of a shorter interval is not used, and the speed must vary within it by more than rounding.
-    valid = (count >= 30.0) & (spread > SMALLEST_SPREAD * np.maximum(xx, TINY))
+    # The speed must vary within the interval by more than rounding, or rounding is taken for a slope.
+    valid = (count >= MIN_INTERVAL) & (spread > SMALLEST_SPREAD * np.maximum(xx, TINY))
     if np.count_nonzero(valid) < 2 or not variance > 0.0:
         return np.zeros(0), np.zeros(0)
     spread, cross = spread[valid], cross[valid]
@@ -159,9 +178,8 @@ def side_finding(evidence: Evidence, blocks: Blocks) -> Adequacy | None:
     same = half if np.median(half) > 0.0 else -half
     same = same[same > CLEAR_SIGMAS]
     middle = np.median(same) if same.size else 0.0
-    # Within a factor of two about their median the differences count as equal: jumps vary more.
-    alike = same[(same < 2.0 * middle) & (same > 0.5 * middle)]
-    if alike.size < max(MIN_EVIDENCE, 0.75 * half.size):
+    alike = same[(same < EQUAL_FACTOR * middle) & (same > middle / EQUAL_FACTOR)]
+    if alike.size < max(MIN_EVIDENCE, SIDE_SHARE * half.size):
         return None
     finding = f"friction differs between the directions of rotation ({alike.size} of {half.size} crossings)"
     return Adequacy("torque_bias", finding)
@@ -174,7 +192,7 @@ def half_differences(evidence: Evidence, blocks: Blocks) -> FloatArray:
     enter, and their sign does not depend on the direction.
     """
     variance = evidence.noise.long_variance
-    smallest = 0.2 * evidence.noise.std / CLEAR_SIGMAS  # a difference of less than 0.2 σ is ignored
+    smallest = SMALLEST_SIDE * evidence.noise.std / CLEAR_SIGMAS
     direction = evidence.structure.direction[: blocks.n.size]
     one_way = np.flatnonzero(blocks.usable & (np.abs(direction) == 1.0))
     turns = np.flatnonzero(np.diff(direction[one_way]))
@@ -205,7 +223,7 @@ def near_zero_finding(evidence: Evidence, estimate: Estimate) -> Adequacy | None
         return Adequacy("speed_dead_zone", finding)
     ratio, excess = near_zero_deviations(evidence, estimate)
     disagreeing = int((ratio > NEAR_ZERO_RATIO).sum())
-    if disagreeing < 2 or 2 * disagreeing < ratio.size:  # a short sojourn may fall into one
+    if disagreeing < FEWEST_CROSSINGS or 2 * disagreeing < ratio.size:
         return None
     # Drag that lags the sign is missing just after a reversal; boundary lubrication adds drag on both sides of it.
     suspect = "presliding" if excess[ratio > NEAR_ZERO_RATIO].sum() < 0.0 else "stribeck"
@@ -240,7 +258,7 @@ def near_zero_deviations(evidence: Evidence, estimate: Estimate) -> tuple[FloatA
         if high > low:  # a jump lies in or next to the crossing: the worst block holds it
             counted[np.argmax(square[best])] = 0.0
         samples = float(counted @ count)
-        if samples >= 4.0:  # fewer give no mean square
+        if samples >= FEWEST_NEAR_ZERO:
             squares.append(float(counted @ square[best]) / samples)
             deviations.append(float(counted @ (z - count * expected[best])) / samples)
     return np.array(squares) / evidence.noise.std**2, np.array(deviations)
@@ -255,23 +273,21 @@ def ripple_finding(evidence: Evidence) -> Adequacy | None:
     if len(ripple) == 0:
         return None
     valid = np.isfinite(ripple)
-    # A jump in a segment has power at all frequencies, so that the power in one is limited.
-    power = np.where(valid, np.minimum(ripple, 40.0), 0.0).sum(axis=0)
+    power = np.where(valid, np.minimum(ripple, RIPPLE_CAP), 0.0).sum(axis=0)
     over_chance = power / _ripple_by_chance(*ripple.shape)[np.count_nonzero(valid, axis=0)]
     strongest = int(np.argmax(over_chance))
-    # The spectrum of autocorrelated noise may peak at the very frequency of a harmonic: it is allowed a factor of 2 to
-    # 8, beyond which no ripple could be detected at all. The least is tested first and nearly always decides.
-    found = over_chance[strongest]
-    if found < 2.0 or found < min(_spectral_peak(evidence.noise.autocovariance), 8.0):
+    # The least allowance is tested first: it nearly always decides, and the spectrum need not be computed.
+    found, (least, most) = over_chance[strongest], RIPPLE_NOISE_FACTORS
+    if found < least or found < min(_spectral_peak(evidence.noise.autocovariance), most):
         return None
     return Adequacy("torque_ripple", f"friction repeats with the wheel's angle, {strongest + 1} times in a turn")
 
 
 @functools.lru_cache(maxsize=256)
 def _ripple_by_chance(segments: int, harmonics: int) -> FloatArray:
-    """Return the power, summed over 0 … segments, that white noise exceeds in any harmonic once in 10,000 windows."""
+    """Return the power, summed over 0 … segments, that white noise exceeds in any harmonic with `RIPPLE_CHANCE`."""
     valid = np.arange(segments + 1)
-    return np.asarray(special.chdtri(2.0 * np.maximum(valid, 1), 1e-4 / harmonics))
+    return np.asarray(special.chdtri(2.0 * np.maximum(valid, 1), RIPPLE_CHANCE / harmonics))
 
 
 def _spectral_peak(autocovariance: FloatArray) -> float:
@@ -287,11 +303,10 @@ def jump_finding(evidence: Evidence, assignment: Assignment, systems: Sequence[S
     """Compare the jumps with what the switching systems make."""
     unattributed = int((assignment.system == UNATTRIBUTED).sum())
     jumps = int((assignment.system != REJECTED).sum())
-    # Healthy windows have at most 1.2 standard deviations more: their durations are more regular than Poisson's.
     expected = evidence.slots * sum(map(jump_rate, systems))
     if systems and unattributed >= MIN_EVIDENCE:
         finding = f"{unattributed} of {jumps} jumps fit no switching system"
-    elif systems and jumps - expected > 3.0 * np.sqrt(expected) + MIN_EVIDENCE:
+    elif systems and jumps - expected > EXCESS_SIGMAS * np.sqrt(expected) + MIN_EVIDENCE:
         finding = f"there are {jumps} jumps where the switching systems make about {expected:.0f}"
     else:
         return None
@@ -332,8 +347,7 @@ def persistence(blocks: Blocks, correlation: float) -> tuple[float, float]:
     """
     value, interval, intervals = blocks.residual * np.sqrt(blocks.n), blocks.interval, blocks.intervals
     known = value[blocks.usable]
-    # With fewer blocks, the statistic's asymptotic distribution does not hold.
-    scale = median_size(known) / NORMAL_MEDIAN if known.size >= 40 else 0.0
+    scale = median_size(known) / NORMAL_MEDIAN if known.size >= FEWEST_BLOCKS else 0.0
     if not scale > 0.0:
         return 0.0, 0.0
     usable = blocks.usable.astype(np.float64)
@@ -370,6 +384,18 @@ def _ar_block_correlation(phi: float, size: int, lag: int) -> float:
 
 
 # ---- how far a missing effect may have moved the estimates -----------------------------------------------------------
+
+
+COMPARABLE_SHARE: Final = 0.5  # share of the best shape's decrease of χ² from which another shape counts too
+LONG_INTERVAL: Final = 0.01  # of the window: the lowest level is that of an interval at least as long
+MIN_CREDIBLE_RATIO: Final = 0.5  # of the least friction of its configuration: a sojourn with less is not credible
+IMPLAUSIBLE_SHARE: Final = 0.3  # of a system's sojourns: if this share is not credible, its rests are not either
+MAX_ACTIVE_FACTOR: Final = 4.0  # multiple of the mean time above q = 0 for which a system may well not rest
+STRIBECK_SPEEDS: Final = (0.03, 0.1, 0.3)  # of the nominal speed: the catalogue's 1 … 100 rad/s at 300 rad/s
+# SKF's exponent, near Palmgren's 2/3, and the ends of the catalogue's range: the nearer to 1, the more of such a drag
+# the viscous slope absorbs, and the less of it is detectable.
+SUBLINEAR: Final = (0.3, 0.6, 0.9)
+LAGS_S: Final = (60.0, 300.0)  # s, within the 10 s … 30 min of the lubricant's time constant
 
 
 class ModelErrorUncertainty(NamedTuple):
@@ -416,8 +442,7 @@ def uncertainty_of(
     blocks = residual_blocks(evidence, estimate, BLOCK)
     slope, level, spread = _moved_by_shapes(blocks, _shapes(blocks, evidence, estimate, wheel), evidence)
     length = np.bincount(blocks.interval, blocks.usable, blocks.intervals) * BLOCK
-    # The lowest level is that of an interval of at least a hundredth of the window.
-    long = (length >= 0.01 * evidence.slots) & np.isfinite(estimate.level)
+    long = (length >= LONG_INTERVAL * evidence.slots) & np.isfinite(estimate.level)
     above = max(components.base_dry - float(estimate.level[long].min()), 0.0) if long.any() else 0.0
     # Levels are in units of the nominal dry torque.
     below = max(1.0 - components.base_dry, 0.0) if wheel.nominal else 0.0
@@ -437,25 +462,19 @@ def uncertainty_of(
 def _hidden_friction(system: SwitchingSystem, configurations: IntArray, friction: FloatArray, slots: int) -> float:
     """Return the friction that a system may have added throughout, if its rests are steps of another effect; else 0.
 
-    It is 0 where the rests are credible, by the system's duration laws (it rests within four times its mean time above
-    q = 0) or by the size of its sojourns (fewer than 30 % have less than half of the least friction).
+    It is 0 where the rests are credible, by the system's duration laws or by the size of its sojourns.
     """
     active = configurations > 0
     awake = sum(law.mean() for law in system.durations[1:])
-    if system.friction is None or not active.any() or 4.0 * awake < slots:
+    if system.friction is None or not active.any() or MAX_ACTIVE_FACTOR * awake < slots:
         return 0.0
     low = np.array([band.low for band in system.friction])[configurations[active]]
-    small = friction[active] < 0.5 * low
-    return 0.0 if small.mean() < 0.3 else system.friction[1].middle
+    small = friction[active] < MIN_CREDIBLE_RATIO * low
+    return 0.0 if small.mean() < IMPLAUSIBLE_SHARE else system.friction[1].middle
 
 
 def _shapes(blocks: Blocks, evidence: Evidence, estimate: Estimate, wheel: Wheel) -> FloatArray:
-    """Return the shapes at the blocks, float64 (shapes, blocks), in friction along the motion.
-
-    Exponents are SKF's, near Palmgren's 2/3, and the ends of the catalogue's range: the nearer to 1, the more of such a
-    drag the viscous slope absorbs, and the less of it is detectable. Stribeck speeds are shares of the nominal speed,
-    the catalogue's 1 … 100 rad/s at 300 rad/s, and lags lie within the lubricant's 10 s … 30 min.
-    """
+    """Return the shapes at the blocks, float64 (shapes, blocks), in friction along the motion."""
     x, slots = blocks.x, evidence.slots
     direction = evidence.structure.direction[: x.size]
     speed = direction * x
@@ -468,14 +487,14 @@ def _shapes(blocks: Blocks, evidence: Evidence, estimate: Estimate, wheel: Wheel
     motor = direction * (level + estimate.viscous * x) + inertia / block_s * acceleration
     shapes = [
         x**2,
-        *(x**exponent for exponent in (0.3, 0.6, 0.9)),
-        *(np.exp(-x / at) for at in (0.03, 0.1, 0.3)),
+        *(x**exponent for exponent in SUBLINEAR),
+        *(np.exp(-x / at) for at in STRIBECK_SPEEDS),
         direction,
         direction * x,
         direction * acceleration,
         np.abs(acceleration),
         np.abs(motor),
-        *(x - direction * _lagged(speed, block_s / lag_s) for lag_s in (60.0, 300.0)),
+        *(x - direction * _lagged(speed, block_s / lag_s) for lag_s in LAGS_S),
         time,
         time**2,
         time * x,
@@ -527,8 +546,7 @@ def _moved_by_shapes(blocks: Blocks, shapes: FloatArray, evidence: Evidence) -> 
         together = math.sqrt(total @ moved**2 / whole)
         apart = math.sqrt(total @ (moved - mean) ** 2 / whole)
         found.append((strength**2 * energy / variance, abs(strength * tilt), together, apart))
-    # Shapes count that explain at least half as much of χ² as the best one does.
     best = max((fall for fall, *_ in found), default=0.0)
-    kept = [moves for fall, *moves in found if fall >= max(CLEAR_SIGMAS**2, 0.5 * best)]
+    kept = [moves for fall, *moves in found if fall >= max(CLEAR_SIGMAS**2, COMPARABLE_SHARE * best)]
     slope, level, spread = np.max([[0.0, 0.0, 0.0], *kept], axis=0).tolist()
     return slope, level, spread

@@ -48,6 +48,11 @@ from rwa_monitor.switching.carried_state import CarriedState, Tracked, probabili
 
 # A value is uninformative if its standard deviation exceeds this share of the distance between nominal and anomalous.
 INFORMATIVE_STD: Final = 0.4
+# A window alone decides on a coefficient if the middle between the two is two standard deviations away from either.
+DECISIVE_STD: Final = 0.25
+# Least probability that a value is still the one measured earlier for a window to rely on that: it was measured within
+# the last ten windows.
+MIN_HELD_PROBABILITY: Final = 0.8
 
 
 class Coefficient(NamedTuple):
@@ -107,17 +112,13 @@ class Coefficient(NamedTuple):
         return std < INFORMATIVE_STD * self.levels.reach
 
     def relies_on_earlier(self, std: float) -> bool:
-        """Return whether a window that measured the coefficient with `std` relies on earlier, better ones.
-
-        A window alone decides if the middle between nominal and anomalous is two standard deviations away from either.
-        An earlier value is relied on that was measured within the last ten windows, so that it probably still holds.
-        """
+        """Return whether a window that measured the coefficient with `std` relies on earlier, better ones."""
         before = self.before
         return (
             before is not None
-            and before.held > 0.8
+            and before.held > MIN_HELD_PROBABILITY
             and before.std < min(std, INFORMATIVE_STD * self.levels.reach)
-            and not std < 0.25 * self.levels.reach
+            and not std < DECISIVE_STD * self.levels.reach
         )
 
     def after(self, value: float, std: float) -> Tracked | None:
@@ -171,7 +172,9 @@ def _filtered(before: Tracked, value: FloatArray, std: FloatArray) -> tuple[Floa
 UNKNOWN: Final = 0.5  # probability of an anomaly about which nothing is known
 LEAST_PRIOR: Final = 1e-9
 OFFSET_STEPS: Final = 1024  # grid over which an unknown offset is integrated, from no offset to all of the dry friction
+PRIOR_ROUNDS: Final = 8  # each reduces the error of the marginal probabilities by about an order of magnitude
 _History = tuple[Coefficient | None, Coefficient | None]  # dry and viscous before the window; None: nothing learned
+MIN_STRAY_MEAN: Final = 0.9  # mean probability of being a stray beyond which values count as unlike anything learned
 
 
 @dataclass(frozen=True, slots=True)
@@ -401,7 +404,7 @@ def _prior(
     """
     prior, rates = _learned_prior(model.simultaneous, tuple(learned and learned.rate for learned in models))
     wanted = _carried_probabilities(names, rates, carried, history)
-    for _ in range(8 if wanted else 0):  # each reduces the error by about an order of magnitude
+    for _ in range(PRIOR_ROUNDS if wanted else 0):
         for a, now in wanted.items():
             there = _all_combinations(len(names))[:, a]
             so_far = float(prior[there].sum()) / float(prior.sum())
@@ -462,8 +465,7 @@ def _quality(features: Features, model: AnomalyModel, a: int) -> tuple[bool, boo
     stray, relative_std = stray_probabilities(model, *found)
     if stray.size == 0:
         return False, False
-    # Values are unlike everything learned if they are strays with a mean probability of 90 %.
-    return float(relative_std.min()) < INFORMATIVE_STD, float(stray.sum()) / stray.size > 0.9
+    return float(relative_std.min()) < INFORMATIVE_STD, float(stray.sum()) / stray.size > MIN_STRAY_MEAN
 
 
 def _logit(probability: float) -> float:

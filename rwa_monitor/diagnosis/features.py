@@ -8,7 +8,7 @@ sign (errata 10); `rests` is then false, and the joint classifier integrates ove
 from __future__ import annotations
 
 import math
-from typing import Any, NamedTuple
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 
@@ -16,6 +16,8 @@ from rwa_monitor.changepoints.estimation import SlopePrior, nominal_viscous
 from rwa_monitor.changepoints.stage_results import Assignment, Components
 from rwa_monitor.samples import FloatArray, IntArray
 from rwa_monitor.wheel.wheel import Wheel
+
+LEAST_INFORMATION: Final = 1e-3  # share of the slope's information that must come from the window, or it measures none
 
 
 class SystemFeatures(NamedTuple):
@@ -149,8 +151,7 @@ def without_prior(features: Features, prior: SlopePrior) -> Features:
     left = (features.viscous_std / std) ** 2
     own = 1.0 - left
     alone: dict[str, Any] = {"viscous": mean, "viscous_std": math.inf}
-    # Of the slope's information a thousandth at least must come from the window, or it measures none.
-    if own > 1e-3:
+    if own > LEAST_INFORMATION:
         alone["viscous"] = (features.viscous - left * mean) / own
         alone["viscous_std"] = features.viscous_std / math.sqrt(own)
     return features._replace(**alone, by_path=tuple(one._replace(**alone) for one in features.by_path))

@@ -21,6 +21,13 @@ from rwa_monitor.wheel.wheel import RESERVED_ANOMALIES, SwitchingSystem, Wheel
 
 BUILT_IN_MODEL_FILE: Final = "built_in_model.json"
 
+# Where a system's healthy friction is stated in the wheel file and no anomaly was learned: softness of the stated
+# edges and scale of anomalies, as shares of the middle; share of strays; probability before anything is seen.
+STATED_SOFT: Final = 0.03
+STATED_REACH: Final = 0.4
+STATED_STRAY: Final = 0.02
+STATED_RATE: Final = 0.1
+
 
 class Band(Range):
     """Where values of one class lie: uniform on [low, high], the edges softened by a Gaussian of std `soft`.
@@ -220,8 +227,7 @@ class Model(Hashed):
 def from_stated_friction(system: SwitchingSystem) -> AnomalyModel | None:
     """Return a system's healthy friction as the wheel file states it, as a model without a learned anomaly.
 
-    The softness of the stated edges and the scale of anomalies are shares of the middle. None where the wheel file does
-    not state it, or not for any configuration above q = 0.
+    None where it does not state it, or not for any configuration above q = 0.
     """
     if system.friction is None or all(stated.high <= 0 for stated in system.friction[1:]):
         return None
@@ -229,10 +235,11 @@ def from_stated_friction(system: SwitchingSystem) -> AnomalyModel | None:
     for stated in system.friction[1:]:
         middle, level = stated.middle, None
         if middle > 0:
-            band = Band(low=stated.low, high=stated.high, soft=0.03 * middle)
-            level = Levels(nominal=band, anomalous=None, stray=0.02, reach=0.4 * middle, median=None)
+            band = Band(low=stated.low, high=stated.high, soft=STATED_SOFT * middle)
+            reach = STATED_REACH * middle
+            level = Levels(nominal=band, anomalous=None, stray=STATED_STRAY, reach=reach, median=None)
         levels.append(level)
-    return AnomalyModel(name=system.name, levels=tuple(levels), svm=None, rate=0.1)
+    return AnomalyModel(name=system.name, levels=tuple(levels), svm=None, rate=STATED_RATE)
 
 
 def models_for(wheel: Wheel, model: Model | None) -> list[AnomalyModel | None]:

@@ -15,10 +15,20 @@ from rwa_monitor.samples import BoolArray, FloatArray
 from rwa_monitor.wheel.wheel import RESERVED_ANOMALIES, Wheel
 
 MIN_WINDOWS: Final = 2  # of each class, below which an anomaly is not learned
+# No band is less soft than this share of the distance between nominal and anomalous: nominal values scatter far less in
+# a data set than on a wheel in orbit.
+MIN_SOFT: Final = 0.05
+MIN_SOFT_SYSTEM: Final = 0.02  # the same for a system's friction, whose band has a width of its own
 STRAYS: Final = (0.002, 0.2)  # share of strays: least assumed, largest accepted
+SHARP_STD: Final = 0.1  # of the distance between nominal and anomalous: measured well enough to fit a band
+STRAY_FENCE: Final = 2.5  # quartile distances beyond the quartiles: four standard deviations of a Gaussian
+# Where no anomaly was seen in training, the scale of other values, as a share of the nominal middle.
+REACH_UNSEEN: Final = 0.3
+UNDECIDED: Final = (0.4, 0.6)
 # Windows added to each class, and to each number of simultaneous anomalies: what was not seen is not impossible. A
 # wheel can have two anomalies at once even where no training window has.
 PSEUDO_WINDOWS: Final = 1.0
+PSEUDO_SHARE: Final = 0.01  # of the training windows, on top, for each number of simultaneous anomalies
 
 
 class LabelledFeatures(NamedTuple):
@@ -56,7 +66,7 @@ def train(windows: Sequence[LabelledFeatures], wheel: Wheel, source: str, comman
         if not (~labels[name]).any():
             raise InputError(source, "has no window without this anomaly: nothing nominal can be learned", name)
     at_once = np.bincount(sum(labels.values()), minlength=len(names) + 1)  # windows with 0, 1, 2, … anomalies
-    smoothed = at_once + PSEUDO_WINDOWS + 0.01 * len(windows)
+    smoothed = at_once + PSEUDO_WINDOWS + PSEUDO_SHARE * len(windows)
     anomalies = tuple(_train_anomaly(windows, wheel, name, a, labels[name]) for a, name in enumerate(names))
     return Model(
         trained=Provenance(
@@ -64,7 +74,7 @@ def train(windows: Sequence[LabelledFeatures], wheel: Wheel, source: str, comman
         ),
         anomalies=anomalies,
         simultaneous=tuple(float(share) for share in smoothed / smoothed.sum()),
-        undecided=(0.4, 0.6),
+        undecided=UNDECIDED,
     )
 
 
@@ -75,7 +85,7 @@ def _train_anomaly(
     if name in RESERVED_ANOMALIES:
         known = [window.features.base_known or a == 1 for window in windows]
         _, value, std = np.array([window.features.measured(a) for window in windows]).T
-        levels = fit_levels(value[known], std[known], label[known], 0.05)
+        levels = fit_levels(value[known], std[known], label[known], MIN_SOFT)
         if levels is None:
             raise InputError("training windows", "show no nominal value", name)
         return AnomalyModel(name=name, levels=(levels,), svm=None, rate=rate)
@@ -83,7 +93,7 @@ def _train_anomaly(
     per_configuration: list[Levels | None] = [None]
     for q in range(1, wheel.fss[a - 2].configurations):
         value, std, labels = _sojourns(windows, a - 2, q, label)
-        per_configuration.append(fit_levels(value, std, labels, 0.02))  # its band has a width of its own
+        per_configuration.append(fit_levels(value, std, labels, MIN_SOFT_SYSTEM))
     return AnomalyModel(name=name, levels=tuple(per_configuration), svm=None, rate=rate)
 
 
@@ -114,8 +124,7 @@ def fit_levels(value: FloatArray, std: FloatArray, anomalous: BoolArray, min_sof
     value, std, anomalous
         (n,): measured values, their standard deviations, and the class of each.
     min_soft
-        The least softness of a band, as a share of the distance between the classes: nominal values scatter far less in
-        a data set than on a wheel in orbit.
+        The least softness of a band, as a share of the distance between the classes.
     """
     finite = np.isfinite(value) & np.isfinite(std)
     value, std, anomalous = value[finite], std[finite], anomalous[finite]
@@ -124,8 +133,7 @@ def fit_levels(value: FloatArray, std: FloatArray, anomalous: BoolArray, min_sof
         return None
     middle = float(np.median(healthy))
     median = float(np.median(ill)) if ill.size >= MIN_WINDOWS else None
-    # Where no anomaly was seen, the scale of other values is a share of the nominal middle.
-    reach = 0.3 * abs(middle) if median is None else abs(median - middle)
+    reach = REACH_UNSEEN * abs(middle) if median is None else abs(median - middle)
     reach = max(reach, 1e-3)
     nominal, stray = _fit_band(healthy, std[~anomalous], min_soft * reach, reach)
     band = None if median is None else _fit_band(ill, std[anomalous], min_soft * reach, reach)[0]
@@ -137,9 +145,9 @@ def _fit_band(value: FloatArray, std: FloatArray, min_soft: float, reach: float)
 
     Two bands are tried, a range and a mean with scatter, each in a mixture with strays; the likelier one is taken.
     Values that are uncertain because they are ambiguous (errata 10), not by noise, carry no information on a band's
-    shape: of the less certain half, only those with a std within a tenth of the reach are used.
+    shape: of the less certain half, only those with a std within SHARP_STD are used.
     """
-    sharp = std <= max(0.1 * reach, float(np.median(std)))
+    sharp = std <= max(SHARP_STD * reach, float(np.median(std)))
     value, std = value[sharp], std[sharp]
     stray = 0.5 / reach / (1.0 + np.abs(value - np.median(value)) / reach) ** 2
 
@@ -175,12 +183,9 @@ def _range_among_strays(value: FloatArray, stray: FloatArray, min_soft: float) -
 
 
 def _scatter_among_strays(value: FloatArray, std: FloatArray, min_soft: float) -> tuple[Band, float]:
-    """Fit mean and scatter of the values that do not lie far outside the quartiles; the others are strays.
-
-    2.5 distances of the quartiles beyond them are four standard deviations of a Gaussian.
-    """
+    """Fit mean and scatter of the values that do not lie far outside the quartiles; the others are strays."""
     lower, upper = np.quantile(value, [0.25, 0.75])
-    fence = max(2.5 * float(upper - lower), 4.0 * min_soft)
+    fence = max(STRAY_FENCE * float(upper - lower), 4.0 * min_soft)
     kept = (value >= lower - fence) & (value <= upper + fence)
     mean = float(value[kept].mean())
     scatter = np.sqrt(max(float(value[kept].var()) - float(np.mean(std[kept] ** 2)), min_soft**2))

@@ -27,10 +27,13 @@ SIGNIFICANCE: Final = 1e-3  # p-value below which a trend is announced: it is te
 MIN_WINDOWS: Final = 8  # for a line, its onset, and the scatter around it
 MAX_WINDOWS: Final = 300  # the newest are used; at 2.2 hours each that is four weeks
 ONSETS: Final = 48  # onsets that are tried, evenly over the time
+LAST_TESTED: Final = 5  # windows that a tested onset has after it, at least: fewer may be gross errors in a row
 DEGREES_OF_FREEDOM: Final = 2.0  # of Student's t: a gross error of dry friction, a whole jump, is 50 std
+ROUNDS: Final = 12  # of reweighting
 SCATTERS: Final = (0.0, 0.5, 1.0, 2.0, 4.0, 8.0, 16.0)  # in units of the median standard deviation of the estimates
 MEMORIES: Final = (0.0, 0.7, 0.9, 0.95, 0.98, 0.99)  # correlation of the scatter from one window to the next
 QUANTILES: Final = (0.025, 0.5, 0.975)  # of a 95 % interval
+FARTHEST: Final = 1e3  # times the span of the data; a limit beyond is never reached
 
 
 class Reach(NamedTuple):
@@ -90,7 +93,7 @@ class Lines(NamedTuple):
 
     def crossing(self, limit: float, side: int, share: float) -> float:
         """Return the time by which a limit is passed with probability `share` [s]; infinite if never."""
-        far = self.now_s + 1e3 * self.span_s  # beyond, a limit is never reached
+        far = self.now_s + FARTHEST * self.span_s
         if self.beyond(self.now_s, limit, side) >= share:
             return self.now_s
         if self.beyond(far, limit, side) < share:
@@ -183,8 +186,7 @@ def find_trend(time_s: FloatArray, value: FloatArray, std: FloatArray) -> Trend 
     hinges = np.maximum(at - onsets[:, None], 0.0)
     variance = _raised_for_gross_errors(at, hinges, y, (std / scale) ** 2)
     cells = [(0.0, 0.0), *((scatter, memory) for scatter in SCATTERS[1:] for memory in MEMORIES)]
-    # A tested onset has at least five windows after it: fewer may be gross errors in a row.
-    tested = int(np.count_nonzero(onsets <= at[-6]))
+    tested = int(np.count_nonzero(onsets <= at[-1 - LAST_TESTED]))
     fits = (_fit(at, hinges, tested, y, variance, scatter, memory) for scatter, memory in cells)
     log_likelihood, mean, covariance, p_value = map(np.array, zip(*fits, strict=True))
     weight = np.exp(log_likelihood - log_likelihood.max())
@@ -232,7 +234,7 @@ def _raised_for_gross_errors(at: FloatArray, hinges: FloatArray, y: FloatArray, 
     weight = np.ones((hinges.shape[0], len(SCATTERS), y.size)) / total
     square = np.zeros_like(weight)
     slope = np.zeros((*square.shape[:2], 1))
-    for _ in range(12):
+    for _ in range(ROUNDS):
         level, slope = _weighted_line(h, y, weight)
         square = (y - level - slope * h) ** 2 / total
         weight = (DEGREES_OF_FREEDOM + 1.0) / (DEGREES_OF_FREEDOM + square) / total

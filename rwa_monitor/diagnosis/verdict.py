@@ -28,6 +28,7 @@ _ACTION_MODEL_TOO = (
     " wheel file by it before that is ruled out."
 )
 CHECK_TELEMETRY: Final = "Check the telemetry link and the sensors before the wheel."
+WORTH_NAMING: Final = 0.1  # probability from which another anomaly is named in addition to the one diagnosed
 _NEVER_RESTED = (  # the words are those of the reference recordings
     "A switching system never rested in this window, so base dry friction and its own were told apart by learned"
     " ranges and earlier windows only."
@@ -109,7 +110,7 @@ def viscous_spread(wheel: Wheel) -> str:
 
 def _alternatives(findings: Findings) -> str:
     """Return a sentence on the anomalies that it could be instead, "" where none is likely."""
-    alternatives = [one for one in findings.anomalies if not one.active and one.probability > 0.1]
+    alternatives = [one for one in findings.anomalies if not one.active and one.probability > WORTH_NAMING]
     if not alternatives:
         return ""
     names = " or ".join(f"{title(one.name)} ({percent(one.probability)})" for one in alternatives)
@@ -127,6 +128,7 @@ def _severity(anomaly: AnomalyDiagnosis) -> str:
 
 
 MIN_COVERAGE: Final = 0.5  # share of the slots that must be used; below, the window does not represent its time
+MIN_SHARE: Final = 0.1  # of a whole window's samples: with fewer, at the end of a file, it is never called nominal
 BELOW_NOMINAL: Final = ": below nominal, so check units, sign or the wheel file"
 
 
@@ -194,7 +196,7 @@ def without_anomaly(findings: Findings) -> tuple[Verdict, str]:
             f"Nothing else is anomalous, but no file states how large healthy {listed(unknown)} is{lacking}."
         )
     used, whole = findings.inputs.evidence.used, findings.inputs.wheel.window.samples
-    if used < 0.1 * whole:  # at the end of a file
+    if used < MIN_SHARE * whole:
         return "inconclusive", (
             f"Nothing is anomalous in these {used} samples, but a whole window has {whole}: they are too few to call"
             " the wheel nominal."

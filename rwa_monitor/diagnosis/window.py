@@ -165,6 +165,13 @@ def _run_stages(inputs: DiagnosisInput, given: tuple[Assignment, Estimate] | Non
 # window, and its change at the window's speed enters the levels.
 
 
+# Share of a wheel's unknown temperature variation that may occur within a window. A working assumption: of an orbit's
+# ±3 K and a year's ±15 K it is a fifth, of an orbit's alone it is all.
+WITHIN_WINDOW: Final = 0.5
+UNINFORMATIVE_SPREAD: Final = 10.0  # times viscous friction: so uncertain, no window is informative on it
+MIN_REPORTED_SHARE: Final = 0.01  # of viscous friction: half of the spread of healthy wheels; less is not reported
+
+
 def temperature_uncertainty(
     evidence: Evidence, components: Components, wheel: Wheel, *, adequate: bool
 ) -> TemperatureUncertainty:
@@ -187,7 +194,7 @@ def temperature_uncertainty(
         reason = "its viscous friction varies with a temperature that is not recorded"
     elif heat.unknown < 0.5 and known and not known.low_degC <= heat.mean_degC <= known.high_degC:
         return TemperatureUncertainty(
-            10.0,  # times viscous friction: so uncertain, no window is informative on it
+            UNINFORMATIVE_SPREAD,
             reason=f"the bearing is at {heat.mean_degC:.3g} °C, and its viscous friction was learned from"
             f" {known.low_degC:.3g} °C to {known.high_degC:.3g} °C",
         )
@@ -202,11 +209,8 @@ def temperature_uncertainty(
         return TemperatureUncertainty()
     level = 0.0
     if not adequate:
-        # Of a wheel's unknown temperature variation half may occur within a window. A working assumption: of an orbit's
-        # ±3 K and a year's ±15 K it is a fifth, of an orbit's alone it is all.
-        level = 0.5 * share * max(components.viscous, 0.0) * evidence.sums.mean[0]
-    # Less than half of the spread of healthy wheels is not reported.
-    return TemperatureUncertainty(share, level, reason if share > 0.01 else "")
+        level = WITHIN_WINDOW * share * max(components.viscous, 0.0) * evidence.sums.mean[0]
+    return TemperatureUncertainty(share, level, reason if share > MIN_REPORTED_SHARE else "")
 
 
 # ---- the judgement, and what follows from it -------------------------------------------------------------------------
