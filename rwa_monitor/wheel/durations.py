@@ -18,6 +18,7 @@ from rwa_monitor.samples import FloatArray, IntArray
 from rwa_monitor.wheel.file_content import Strict, ordered
 
 LONGEST: Final = 10**12  # slots, four thousand years at 8 Hz: more is a wrong unit, and too near floats' exact integers
+EXACT_TERMS: Final = 4_096  # summed one by one; for longer durations the law hardly changes within a slot
 
 
 class _Law(Strict):
@@ -131,7 +132,7 @@ class _RoundedContinuous(_Law):
 
     def survival_sum(self, start: int) -> float:
         # Beyond `end` the law changes so little within a slot that each term equals an integral (midpoint rule).
-        end = start + 4_096
+        end = start + EXACT_TERMS
         return float(self.survival(np.arange(start, end)).sum()) + self._excess(end - 1.0)
 
     def sample(self, rng: Generator, size: int) -> IntArray:

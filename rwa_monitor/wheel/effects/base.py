@@ -21,6 +21,7 @@ import numpy as np
 from rwa_monitor.errors import InputError, did_you_mean
 from rwa_monitor.samples import BoolArray, FloatArray, IntArray
 
+NEAR_ZERO: Final = 0.05  # share of the largest speed that counts as near zero, where the speed step is measured
 Family = Literal["mean", "noise", "switching"]
 Shape = Mapping[str, float]  # values of the shape parameters, by name
 
@@ -95,13 +96,13 @@ class Channels:
 
     @property
     def speed_step_rad_s(self) -> float:
-        """The usual change of speed from slot to slot below 5 % of the largest speed (else overall) [rad/s].
+        """The usual change of speed from slot to slot near zero speed (else overall) [rad/s].
 
         A feature narrower than a few of these falls between samples.
         """
         change = np.abs(np.diff(self.speed_rad_s))
         changes = change > 0  # not where either is NaN
-        near = np.abs(self.speed_rad_s[1:]) < 0.05 * self.used_speed_rad_s.max()
+        near = np.abs(self.speed_rad_s[1:]) < NEAR_ZERO * self.used_speed_rad_s.max()
         moving = change[near & changes] if (near & changes).any() else change[changes]
         return float(np.median(moving)) if moving.size else 0.0
 

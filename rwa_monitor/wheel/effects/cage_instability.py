@@ -11,6 +11,13 @@ from rwa_monitor.samples import BoolArray, FloatArray
 from rwa_monitor.wheel.effects.base import Channels, LikelihoodFit, NoiseEffect, Parameter, usable_residuals
 from rwa_monitor.wheel.effects.noise_laws import HeavyTailedNoise
 
+FEWEST_BURSTS: Final = 5  # fewer may be chance
+BESIDE_BURST: Final = 32  # slots before and after a burst with which its drag is compared
+FEWEST_BESIDE: Final = 4  # slots in a burst, and around it, for a mean
+DRAG_BY_CHANCE: Final = 0.2  # largest p-value of the drag; that there are bursts is tested separately
+MEDIAN_TO_STD: Final = 1.4826  # standard deviation of a Gaussian over its median absolute deviation
+EFFICIENCY_OF_MEDIAN: Final = 1.2533  # standard deviation of a median over that of a mean, √(π/2)
+
 
 class CageInstability(NoiseEffect):
     """Bursts of extra drag and extra noise while the speed is in a band.
@@ -75,17 +82,16 @@ class CageInstability(NoiseEffect):
             return nothing
         gain, noise, on = found
         drag = _drag_of_bursts(residual_Nm * channels.direction, usable, on)
-        # Fewer than five may be chance, and noise without drag is no cage instability.
-        if drag.size < 5 or stats.wilcoxon(drag, alternative="greater").pvalue > 0.2:
-            return nothing
+        if drag.size < FEWEST_BURSTS or stats.wilcoxon(drag, alternative="greater").pvalue > DRAG_BY_CHANCE:
+            return nothing  # noise without drag is no cage instability
         middle = max(float(np.median(drag)), 0.0)
-        spread = 1.4826 * float(np.median(np.abs(drag - middle)))  # of a Gaussian, by its median absolute deviation
+        spread = MEDIAN_TO_STD * float(np.median(np.abs(drag - middle)))
         bursts, shaking = float(np.sqrt(drag.size)), max(int(np.count_nonzero(on)), 1)
         values = {"strength_Nm": middle, **noise}
         for name in ("burst_s", "quiet_s"):
             values[name] *= channels.sample_period_s
         std = dict.fromkeys(values, float("nan")) | {
-            "strength_Nm": 1.2533 * spread / bursts,  # a median scatters by √(π/2) times as much as a mean
+            "strength_Nm": EFFICIENCY_OF_MEDIAN * spread / bursts,
             "noise_strength": (1.0 + values["noise_strength"]) / float(np.sqrt(2.0 * shaking)),
             "burst_s": values["burst_s"] / bursts,
             "quiet_s": values["quiet_s"] / bursts,
@@ -102,17 +108,14 @@ class CageInstability(NoiseEffect):
 
 
 def _drag_of_bursts(along: FloatArray, usable: BoolArray, on: BoolArray) -> FloatArray:
-    """Return the drag of each burst [N m]: its mean less that of the quiet slots around it, which removes the level.
-
-    Quiet slots are those up to 32 before and after it; bursts with fewer than four in or around them are left out.
-    """
+    """Return the drag of each burst [N m]: its mean less that of the quiet slots around it, which removes the level."""
     edges = np.flatnonzero(np.diff(np.concatenate([[0], on.astype(np.int8), [0]])))
     drag = []
     for begin, end in zip(edges[::2], edges[1::2], strict=True):
-        near = slice(max(begin - 32, 0), end + 32)
+        near = slice(max(begin - BESIDE_BURST, 0), end + BESIDE_BURST)
         around = along[near][usable[near] & ~on[near]]
         within = along[begin:end][usable[begin:end]]
-        if min(around.size, within.size) >= 4:
+        if min(around.size, within.size) >= FEWEST_BESIDE:
             drag.append(float(within.mean() - around.mean()))
     return np.array(drag)
 
@@ -141,7 +144,16 @@ def _bursts(slots: int, period_s: float, burst_s: float, quiet_s: float, rng: np
 
 BINS: Final = 40  # of |ω|; each has its own scale of the differences
 FEWEST_IN_BIN: Final = 20  # differences for a scale
+CLIP_AT: Final = 4.0  # robust standard deviations, for that scale
 SHORTEST_STAY: Final = 16.0  # slots, mean duration of a state: shorter bursts cannot be distinguished from heavy tails
+FIRST_STAY: Final = 100.0  # slots, mean duration at which the fit begins
+HALF_WIDTHS: Final = (0.03, 0.06, 0.12, 0.25)  # of bands tried, as shares of the speeds' range
+WIDEST_BAND: Final = 0.3  # half width as a share of the speeds' range: wider is no band
+FIRST_SCALES: Final = ((-0.25, 0.25), (-0.5, 0.4))  # logarithms of the quiet and the shaking scale over the bin's
+LEAST_FREEDOM: Final = HeavyTailedNoise.parameters[0].low  # degrees of freedom: a variance exists
+GAUSSIAN_FROM: Final = float(np.log(400.0))  # log of degrees of freedom from which the law is Gaussian
+MOST_EVALUATIONS: Final = 800
+FIRST_EVALUATIONS: Final = 120  # for each width: enough to find the best one
 
 
 def find_bursts(
@@ -186,7 +198,7 @@ def _scale_by_speed(difference: FloatArray, speed: FloatArray, pairs: BoolArray)
     for i in range(BINS):
         values = difference[pairs & (at == i)]
         if values.size >= FEWEST_IN_BIN:
-            limit = 4.0 * float(np.median(np.abs(values))) / 0.6745  # robust standard deviations
+            limit = CLIP_AT * float(np.median(np.abs(values))) / 0.6745
             scale[i] = np.sqrt(np.mean(np.clip(values, -limit, limit) ** 2))
     known = scale > 0
     if not known.any():
@@ -203,7 +215,7 @@ def _fit(squares: FloatArray, speed: FloatArray, pairs: BoolArray) -> tuple[floa
     low, span = float(speed[pairs].min()), float(np.ptp(speed[pairs]))
 
     def half_width(x: FloatArray) -> float:
-        return float(min(abs(x[7]), 0.3 * span))  # wider is no band
+        return float(min(abs(x[7]), WIDEST_BAND * span))
 
     def loss(x: FloatArray) -> float:
         inside = np.abs(speed - x[6]) < half_width(x)
@@ -213,7 +225,7 @@ def _fit(squares: FloatArray, speed: FloatArray, pairs: BoolArray) -> tuple[floa
         log_likelihood = forward(scaled, inside, x[2], shaking, freedom, on, off, probability)
         return float(count * (x[1] - _constant(freedom)) - log_likelihood)
 
-    stay = float(np.log(100.0 - SHORTEST_STAY))  # a mean duration of 100 slots, to begin with
+    stay = float(np.log(FIRST_STAY - SHORTEST_STAY))
 
     def without_band(x: FloatArray) -> float:
         return loss(np.array([*x, 0.0, 0.0, stay, stay, low, 0.0]))
@@ -221,15 +233,15 @@ def _fit(squares: FloatArray, speed: FloatArray, pairs: BoolArray) -> tuple[floa
     none = optimize.minimize(without_band, [1.5, 0.0], method="Nelder-Mead", options={"xatol": 1e-2, "fatol": 0.1})
     # The best start of each width: a few bursts in a narrow band may fit better than the first guess in the true one.
     starts = []
-    for half in (0.03, 0.06, 0.12, 0.25):  # shares of the speeds' range
+    for half in HALF_WIDTHS:
         tries = [
             np.array([none.x[0], none.x[1], quiet, np.log(shaking - quiet), stay, stay, low + at * span, half * span])
             for at in np.linspace(0.0, 1.0, 1 + round(1.0 / half))
-            for quiet, shaking in ((-0.25, 0.25), (-0.5, 0.4))  # logarithms of the two scales over the bin's
+            for quiet, shaking in FIRST_SCALES
         ]
-        starts.append(_refined(loss, min(tries, key=loss), 120))  # evaluations enough to find the best width
-    best = _refined(loss, min(starts, key=loss), 800)
-    best = min(best, _refined(loss, _with_other_edges(loss, best, low, span), 800), key=loss)
+        starts.append(_refined(loss, min(tries, key=loss), FIRST_EVALUATIONS))
+    best = _refined(loss, min(starts, key=loss))
+    best = min(best, _refined(loss, _with_other_edges(loss, best, low, span)), key=loss)
     gain = float(none.fun) - loss(best)
     on, off = _rates(best)
     smooth(probability, on, off)
@@ -243,7 +255,7 @@ def _fit(squares: FloatArray, speed: FloatArray, pairs: BoolArray) -> tuple[floa
     return max(gain, 0.0), values, (np.abs(speed - best[6]) < half_width(best)) & (probability > 0.5)
 
 
-def _refined(loss: Callable[[FloatArray], float], start: FloatArray, evaluations: int) -> FloatArray:
+def _refined(loss: Callable[[FloatArray], float], start: FloatArray, evaluations: int = MOST_EVALUATIONS) -> FloatArray:
     """Return the parameters at the minimum next to a start, or the best ones within a number of evaluations."""
     from scipy import optimize
 
@@ -267,7 +279,7 @@ def _with_other_edges(loss: Callable[[FloatArray], float], best: FloatArray, low
 
 def _freedom(x: float) -> float:
     """Return degrees of freedom from their logarithm, limited from the lowest with a variance to a Gaussian."""
-    return float(np.exp(np.clip(x, -20.0, np.log(400.0)))) + HeavyTailedNoise.parameters[0].low
+    return float(np.exp(np.clip(x, -20.0, GAUSSIAN_FROM))) + LEAST_FREEDOM
 
 
 def _rates(x: FloatArray) -> tuple[float, float]:

@@ -10,15 +10,17 @@ from rwa_monitor.kernels.effects import first_order_lag
 from rwa_monitor.samples import FloatArray
 from rwa_monitor.wheel.effects.base import Channels, MeanEffect, Memory, Parameter, Shape, follow, stack
 
+GONE_AT: Final = 5.0  # [-] at |ω| = 5 ω_s less than 1 % is left for exponents of one and more
 # Of the largest value: a wide knee (δ = 1) has fallen to e⁻² there and is identifiable; a wider bump has no centre.
 WIDEST_SHARE: Final = 0.5
+MOST_STATIC: Final = 3.0  # (τ_S − τ_C)/τ_C [-]: bearings show up to 1, other machines more, a working assumption
+EXPONENT_REACH: Final = 0.6  # from the start of a round of fitting; several rounds follow each other
 
 
 def _shown_knee(channels: Channels) -> tuple[float, float]:
     """Return a few speed steps and half of the largest speed: a wider knee is a part of the slope."""
     speed = channels.used_speed_rad_s
-    # At |ω| = 5 ω_s less than 1 % is left for exponents of one and more.
-    return max(3.0 * channels.speed_step_rad_s, float(speed.min()) / 5.0), WIDEST_SHARE * float(speed.max())
+    return max(3.0 * channels.speed_step_rad_s, float(speed.min()) / GONE_AT), WIDEST_SHARE * float(speed.max())
 
 
 class Stribeck(MeanEffect):
@@ -59,7 +61,7 @@ class Stribeck(MeanEffect):
     parameters = (
         Parameter("strength_Nm", "N m", 0.0, np.inf, 5.0e-4, linear=True),
         Parameter("stribeck_speed_rad_s", "rad/s", 1e-3, 200.0, 8.0, shown=_shown_knee),
-        Parameter("exponent", "-", 0.4, 3.0, 2.0, False, (1.0, 2.0), 2.0, lambda _: 0.6),  # in a round of fitting
+        Parameter("exponent", "-", 0.4, 3.0, 2.0, False, (1.0, 2.0), 2.0, lambda _: EXPONENT_REACH),
     )
 
     @classmethod
@@ -71,17 +73,16 @@ class Stribeck(MeanEffect):
 
     @classmethod
     def is_possible(cls, strengths: FloatArray, dry_Nm: float, viscous_Nm_s_rad: float) -> bool:
-        """Return whether static friction exceeds Coulomb friction by at most three times that; else other drag.
-
-        Bearings show up to once, other machines more: a working assumption.
-        """
-        return float(strengths[0]) <= 3.0 * dry_Nm
+        """Return whether static friction exceeds Coulomb friction by at most three times that; else other drag."""
+        return float(strengths[0]) <= MOST_STATIC * dry_Nm
 
 
 ORIGIN_degC: Final = 20.0  # where laws of the temperature are one or zero: a convention
 REFERENCE_K: Final = zero_Celsius + ORIGIN_degC  # [K] where ν = ν₀: it shifts strength into the base slope
 SEASON_K: Final = 15.0  # [K] to either side over a year in orbit; a working assumption
 LEAST_K: Final = 0.5  # [K] within a record: less is the resolution of a housekeeping sensor, and shows no lag
+LAG_REACH_S: Final = 300.0  # [s] from the start of a round of fitting; several rounds follow each other
+ACTIVATION_REACH_K: Final = 3000.0  # [K] from the start of a round of fitting; several rounds follow each other
 
 
 def temperature_varies(channels: Channels) -> bool:
@@ -90,11 +91,11 @@ def temperature_varies(channels: Channels) -> bool:
 
 
 def _reach(reach: float) -> Callable[[Channels], float]:
-    """Return how far from its start a parameter is fitted in one of several rounds, where the temperature varies."""
+    """Return a function that gives this reach where the temperature varies, else zero."""
     return lambda channels: reach if temperature_varies(channels) else 0.0
 
 
-SENSOR_LAG: Final = Parameter("sensor_lag_s", "s", 0.0, 7200.0, 0.0, False, (0.0,), 0.0, _reach(300.0))
+SENSOR_LAG: Final = Parameter("sensor_lag_s", "s", 0.0, 7200.0, 0.0, False, (0.0,), 0.0, _reach(LAG_REACH_S))
 
 
 def lagged_temperature(channels: Channels, shape: Shape, memory: Memory) -> tuple[FloatArray, Memory]:
@@ -198,6 +199,7 @@ class QuadraticDrag(MeanEffect):
 
 
 SHARPEST: Final = 6.0  # of the bend: at ω_s the drag is 89 % of its end; sharper is a corner
+RARER: Final = 100.0  # prior odds of a power law, which bearings of machines are known to follow, over this law
 
 
 def _shown_speed(channels: Channels) -> tuple[float, float]:
@@ -236,8 +238,7 @@ class SaturatingDrag(MeanEffect):
     name = "saturating_drag"
     formula = r"\tau = c\, \frac{\omega / \omega_s}{\left(1 + |\omega / \omega_s|^b\right)^{1/b}}"
     separate_by = "Dwells over the whole speed range, some well above the bend: a plateau, or a power that goes on."
-    # Prior odds of a power law, which bearings of machines are known to follow, over this law: 100.
-    choice_deviance: ClassVar[float] = 2.0 * float(np.log(100.0))
+    choice_deviance: ClassVar[float] = 2.0 * float(np.log(RARER))
     parameters = (
         Parameter("strength_Nm", "N m", 0.0, np.inf, 1.0e-4, linear=True),
         Parameter("saturation_speed_rad_s", "rad/s", 1e-3, 1000.0, 20.0, shown=_shown_speed),
@@ -295,7 +296,7 @@ class SublinearViscous(MeanEffect):
     parameters = (
         Parameter("strength_Nm", "N m", 0.0, np.inf, 1.0e-4, linear=True),
         Parameter("exponent", "-", 0.3, 0.9, 2.0 / 3.0),
-        Parameter("activation_temperature_K", "K", 0.0, 8000.0, 0.0, False, (0.0,), 0.0, _reach(3000.0)),
+        Parameter("activation_temperature_K", "K", 0.0, 8000.0, 0.0, False, (0.0,), 0.0, _reach(ACTIVATION_REACH_K)),
     )
 
     @classmethod

@@ -22,8 +22,10 @@ from rwa_monitor.wheel.effects.drag_laws import WIDEST_SHARE, ORIGIN_degC
 from rwa_monitor.wheel.effects.torque_ripple import TorqueRipple, angle_turned
 
 BLOCK: Final = "formula"  # the name of the effect in a wheel file
+RESOLVED_STEPS: Final = 3.0  # changes of a variable from slot to slot: a narrower feature falls between samples
 FINEST_SHARE: Final = 0.02  # of the largest value: a smaller scale cannot be distinguished from a step at zero
 INSIDE_SHARE: Final = 0.05  # of the range: a centre nearer to an end has too few samples beyond it
+SLEW_QUANTILE: Final = 0.99  # of |dω/dt|: higher values of single samples are noise
 
 
 class Function(NamedTuple):
@@ -95,8 +97,7 @@ def _since_slew(channels: Channels, shape: Shape, memory: Memory) -> tuple[Float
 
 
 def _shown_slew(channels: Channels) -> tuple[float, float]:
-    # Higher values of single samples are noise.
-    slew = float(np.quantile(channels.known(np.abs(channels.acceleration_rad_s2)), 0.99))
+    slew = float(np.quantile(channels.known(np.abs(channels.acceleration_rad_s2)), SLEW_QUANTILE))
     return 2 * INSIDE_SHARE * slew, (1.0 - 2 * INSIDE_SHARE) * slew
 
 
@@ -240,7 +241,7 @@ def _shown(name: str, role: str, channels: Channels) -> tuple[float, float]:
         return low + margin, high - margin
     steps = np.abs(np.diff(values))
     steps = steps[steps > 0]
-    step = 3.0 * float(np.median(steps)) if steps.size else 0.0  # a narrower feature falls between samples
+    step = RESOLVED_STEPS * float(np.median(steps)) if steps.size else 0.0
     if role == "width":
         return max(step, FINEST_SHARE * (high - low)), WIDEST_SHARE * (high - low)
     seen_from = 0.0 if VARIABLES[name].origin else low  # of a smaller scale only a tail is in the data

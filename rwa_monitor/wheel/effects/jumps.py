@@ -22,10 +22,12 @@ from rwa_monitor.wheel.effects.switching_base import (
 from rwa_monitor.wheel.switching_systems import simulate_system
 from rwa_monitor.wheel.wheel import FrictionRange, SwitchingSystem
 
+SHORTEST_SLOTS: Final = 20  # of a relaxation: a shorter one cannot be distinguished from outliers next to a jump
+LONGEST_SHARE: Final = 0.1  # of the record, of a relaxation: a longer one is a drift
+
 
 def _shown_time(channels: Channels) -> tuple[float, float]:
-    """Return 20 slots (shorter mimics outliers next to a jump) and a tenth of the record (longer: a drift)."""
-    return 20 * channels.sample_period_s, 0.1 * channels.duration_s
+    return SHORTEST_SLOTS * channels.sample_period_s, LONGEST_SHARE * channels.duration_s
 
 
 class DecayingJump(SwitchingEffect):
@@ -141,6 +143,7 @@ class ExtraSwitchingSystem(SwitchingEffect):
 
 
 FEWEST_SOJOURNS: Final = 5  # or jumps: fewer do not determine a law
+MOST_TREND: Final = 0.5  # share of a covariate's variance that is a straight line over time: one rate is as the other
 STEEPEST: Final = 20.0  # change of the log rate over the covariate's range: beyond, all jumps are at one value
 
 
@@ -200,8 +203,8 @@ class SpeedTriggeredJumps(SwitchingEffect):
         if len(evidence.jumps) < FEWEST_SOJOURNS or everywhere.size < 2 or np.ptp(everywhere) == 0.0:
             return nothing
         low, span = float(everywhere.min()), float(np.ptp(everywhere))
-        if np.corrcoef(everywhere, np.flatnonzero(known))[0, 1] ** 2 > 0.5:
-            return nothing  # half a straight line over time: not distinguishable from a rate that changes with time
+        if np.corrcoef(everywhere, np.flatnonzero(known))[0, 1] ** 2 > MOST_TREND:
+            return nothing  # cannot be distinguished from a rate that changes with time
         # From 0 to 1 over its range; where it is not known, the mean is taken.
         x = np.where(known, (covariate - low) / span, float((everywhere.mean() - low) / span))
         gain = _sojourn_gain(evidence, x) if evidence.sojourns else _place_gain(evidence, x)

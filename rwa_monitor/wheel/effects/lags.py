@@ -1,5 +1,7 @@
 """Drag that depends on the past: it lags the speed, or the sign of the speed, or drifts with time."""
 
+from typing import Final
+
 import numpy as np
 
 from rwa_monitor.kernels.effects import dahl_bristle, first_order_lag
@@ -7,10 +9,13 @@ from rwa_monitor.samples import SECONDS_PER_HOUR, FloatArray
 from rwa_monitor.wheel.effects.base import Channels, MeanEffect, Memory, Parameter, Shape, follow, stack
 from rwa_monitor.wheel.effects.tachometer import SpeedDeadZone
 
+MOST_TRAILING: Final = 5.0  # of the viscous friction: a working assumption
+FASTEST_S: Final = 10.0  # of a lubricant, see `source`; faster lags are the drive's
+
 
 def _shown_lag(channels: Channels) -> tuple[float, float]:
     """Return 10 s, or ten slots (shorter mimics dω/dt), and the record's length (longer mimics ω and a drift)."""
-    return max(10.0 * channels.sample_period_s, 10.0), channels.duration_s
+    return max(10.0 * channels.sample_period_s, FASTEST_S), channels.duration_s
 
 
 class LubricantLag(MeanEffect):
@@ -52,8 +57,11 @@ class LubricantLag(MeanEffect):
 
     @classmethod
     def is_possible(cls, strengths: FloatArray, dry_Nm: float, viscous_Nm_s_rad: float) -> bool:
-        """Return whether trailing drag (b < 0) is at most five times the viscous friction, a working assumption."""
-        return float(strengths[0]) >= -5.0 * viscous_Nm_s_rad
+        """Return whether trailing drag (b < 0) is at most a few times the viscous friction."""
+        return float(strengths[0]) >= -MOST_TRAILING * viscous_Nm_s_rad
+
+
+SEEN_SLOTS: Final = 3  # after a reversal: fewer do not determine a shape
 
 
 def _slot_at_reversal(channels: Channels) -> float:
@@ -106,11 +114,11 @@ class Presliding(MeanEffect):
 
     @classmethod
     def unresolved_as(cls, channels: Channels, shape: Shape) -> str:
-        """Return the dead zone where a reversal at the usual |dω/dt| turns through the angle in less than three slots.
+        """Return the dead zone where a reversal at the usual |dω/dt| turns through the angle in less than SEEN_SLOTS.
 
-        Then only the first samples after a change of sign are off, which do not determine a shape.
+        Then only the first samples after a change of sign are off.
         """
-        return "" if shape["breakaway_angle_rad"] >= 3**2 * _slot_at_reversal(channels) else SpeedDeadZone.name
+        return "" if shape["breakaway_angle_rad"] >= SEEN_SLOTS**2 * _slot_at_reversal(channels) else SpeedDeadZone.name
 
 
 def _shown_drift(channels: Channels) -> tuple[float, float]:

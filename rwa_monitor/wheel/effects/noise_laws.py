@@ -65,6 +65,10 @@ def autoregress(innovation: FloatArray, coefficient: float) -> FloatArray:
     return np.append(first, signal.lfilter(fresh, [1.0, -coefficient], innovation[1:], zi=coefficient * first)[0])
 
 
+SCALE_ROUNDS: Final = 25  # of the EM iteration for the scale; it gains a digit every few rounds
+GAUSSIAN_FROM: Final = 100.0  # [-] degrees of freedom from which the law is practically Gaussian
+
+
 class HeavyTailedNoise(NoiseEffect):
     """Student-t noise of unchanged variance.
 
@@ -91,7 +95,7 @@ class HeavyTailedNoise(NoiseEffect):
     separate_by = (
         "The spread of the residual at constant speed: heavy tails stay, noise that depends on speed does not."
     )
-    parameters = (Parameter("degrees_of_freedom", "-", 2.05, 100.0, 4.0),)  # from 100 on practically Gaussian
+    parameters = (Parameter("degrees_of_freedom", "-", 2.05, GAUSSIAN_FROM, 4.0),)
 
     def apply(self, noise_Nm: FloatArray, channels: Channels, rng: np.random.Generator) -> FloatArray:
         nu = self.values["degrees_of_freedom"]
@@ -128,7 +132,7 @@ def student_log_likelihood(squares: FloatArray, degrees_of_freedom: float) -> fl
     """
     nu = degrees_of_freedom
     scale2 = (nu - 2.0) / nu
-    for _ in range(25):  # an EM iteration, which gains a digit every few rounds
+    for _ in range(SCALE_ROUNDS):
         scale2 = float(np.mean((nu + 1.0) * squares / (nu + squares / scale2)))
     constant = special.gammaln((nu + 1.0) / 2.0) - special.gammaln(nu / 2.0) - 0.5 * np.log(np.pi * nu * scale2)
     return float(squares.size * constant - 0.5 * (nu + 1.0) * np.sum(np.log1p(squares / (nu * scale2))))
@@ -226,7 +230,9 @@ class _Binned:
         return float(0.5 * self.samples * (np.log(white) - np.log(scaled)) - 0.5 * np.sum(self.count * np.log(factor2)))
 
 
-OF_BAND: Final = frozenset({"band_strength", "band_speed_rad_s", "band_width_rad_s"})  # not estimated with a growth
+# The noise grows with the speed, or it is raised in a band: a fit of one does not estimate the other.
+OF_GROWTH: Final = frozenset({"strength_s_rad"})
+OF_BAND: Final = frozenset({"band_strength", "band_speed_rad_s", "band_width_rad_s"})
 _NOTHING: Final = dict(SpeedDependentNoise().values)
 _UNKNOWN: Final = dict.fromkeys(_NOTHING, float("nan"))
 
@@ -260,4 +266,4 @@ def _fit_band(binned: _Binned) -> LikelihoodFit:
     std *= [found["band_strength"], span, found["band_width_rad_s"]]
     names = ("band_strength", "band_speed_rad_s", "band_width_rad_s")
     errors = {**_UNKNOWN, **dict(zip(names, std.tolist(), strict=True))}
-    return LikelihoodFit(found, errors, gain, 3, binned.samples, frozenset({"strength_s_rad"}))
+    return LikelihoodFit(found, errors, gain, 3, binned.samples, OF_GROWTH)

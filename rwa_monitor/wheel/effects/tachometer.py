@@ -9,7 +9,10 @@ from rwa_monitor.kernels.noise import CHI_MEDIAN
 from rwa_monitor.samples import BoolArray, FloatArray
 from rwa_monitor.wheel.effects.base import Channels, LikelihoodFit, MeanEffect, NoiseEffect, Parameter, Shape
 
+FEWEST_RESTS: Final = 25.0  # readings that rest while the wheel moves: probability 3e-8 by chance
+FEWEST_HELD: Final = 4  # equal readings in a row; on a grid as fine as the noise, fewer are often equal
 PARTS: Final = 4  # of the speeds between the edge and twice the edge: a wheel that passes them has readings in each
+EVENLY: Final = 0.25  # least number of readings in a part, as a share of the mean: fewer mean a dwell next to zero
 
 
 def _shown_width(channels: Channels) -> tuple[float, float]:
@@ -103,7 +106,7 @@ def read_zone(speed_rad_s: FloatArray, step_rad_s: float) -> ReadZone | None:
     reading = speed_rad_s[known]
     begins = np.diff(reading, prepend=np.nan) != 0.0
     run = np.cumsum(begins) - 1
-    held = ~begins & (np.bincount(run)[run] >= 4)  # on a grid as fine as the noise, fewer in a row are often equal
+    held = ~begins & (np.bincount(run)[run] >= FEWEST_HELD)
     rests = held | (reading == 0.0)
     moving = np.flatnonzero(~rests)
     size, side = np.abs(reading[moving]), np.sign(reading[moving])
@@ -118,8 +121,7 @@ def read_zone(speed_rad_s: FloatArray, step_rad_s: float) -> ReadZone | None:
     filled = np.bincount(((size[passed] / width - 1.0) * PARTS).astype(np.int64), minlength=PARTS)[:PARTS]
     count = 1.0 * min(int(filled.sum()), int(between[crossed].sum()))
     count *= max(width - step_rad_s, 0.0) / width
-    # Of fewer rests the probability by chance is above 3e-8; a range filled unevenly is of a dwell next to zero.
-    if count < 25.0 or filled.min() < 0.25 * filled.mean():
+    if count < FEWEST_RESTS or filled.min() < EVENLY * filled.mean():
         return None
     # A wheel that crosses an existing zone fast leaves a reading that is held for a sample or two.
     side_of_run = np.sign(reading[begins])
@@ -130,6 +132,10 @@ def read_zone(speed_rad_s: FloatArray, step_rad_s: float) -> ReadZone | None:
 
 
 SMOOTHING_SLOTS: Final = (7, 15)  # of the parabola that estimates the true speed: for one that bends much, or little
+LONGEST_STENCIL: Final = 8  # slots to each side: a Savitzky-Golay window of 2 s at 8 Hz
+WIDER: Final = 8.0  # factor on the multiples used in each round: a step fitted to some numbers eight times as many
+ON_LATTICE: Final = 1e-3  # of a step: how far a reading may be off its grid point (rounding of the file)
+SHARE_OF_SCATTER: Final = 0.25  # least share of rounding in the readings' variance; below, noise dominates
 
 
 class TachometerQuantisation(NoiseEffect):
@@ -191,10 +197,10 @@ class TachometerQuantisation(NoiseEffect):
             followed = signal.savgol_coeffs(slots, 2)[slots // 2]  # weight of a sample in its own fitted value
             # By the median, which outliers do not move.
             scatter = float(np.nanmedian(error**2)) / CHI_MEDIAN / (1.0 - followed)
-            if step**2 / 12.0 >= 0.25 * scatter:  # of less rounding in the readings' variance, noise dominates
+            if step**2 / 12.0 >= SHARE_OF_SCATTER * scatter:
                 fits += [
                     cls._regress(residual_Nm, error, usable, channels.sample_period_s, step, stencil)
-                    for stencil in (1, min(8, slots // 2))  # 8: a Savitzky-Golay window of 2 s at 8 Hz
+                    for stencil in (1, min(LONGEST_STENCIL, slots // 2))
                 ]
         if len(fits) == 1:
             return fits[0]
@@ -251,7 +257,7 @@ def quantisation_step(speed_rad_s: FloatArray) -> float | None:
     # The smallest gap carries the rounding of two readings: the step is refined over more and more of its multiples.
     span, reach = levels - levels[at], 1.0
     while reach * step < np.abs(span).max():
-        reach *= 8.0
+        reach *= WIDER
         near = span[np.abs(span) <= reach * step]
         multiples = np.rint(near / step)
         step = float(np.sum(near * multiples) / np.sum(multiples**2))
@@ -260,7 +266,7 @@ def quantisation_step(speed_rad_s: FloatArray) -> float | None:
         return None
     step = float(np.sum(levels * multiples) / np.sum(multiples**2))
     off = np.abs(levels / step - np.rint(levels / step))
-    return step if off.max() < 1e-3 else None  # rounding of the file
+    return step if off.max() < ON_LATTICE else None
 
 
 def error_of_step(speed_rad_s: FloatArray, step: float) -> float:

@@ -10,6 +10,7 @@ from rwa_monitor.wheel.effects.base import Channels, MeanEffect, Memory, Paramet
 MAX_HARMONIC: Final = 48  # [-] per turn of the wheel: six pulses per electrical turn, up to eight pole pairs
 ORDERS: Final = tuple(float(h) for h in range(1, MAX_HARMONIC + 1))
 LOWEST_ORDER: Final = 0.2  # [-] need not be a whole number: a cage turns at 0.35 to 0.65 of the wheel
+FEWEST_PERIODS: Final = 1.5  # within the range of the angle: with fewer, a wave is not seen to repeat
 MANY_TURNS: Final = 50.0  # range of the angle in turns from which lines at fractional orders are resolved separately
 
 
@@ -47,8 +48,7 @@ def half_line_width(channels: Channels) -> float:
 def orders_shown(channels: Channels) -> tuple[float, float]:
     """Return the lowest order that repeats within the range of the angle, and the highest order."""
     turns = angle_range_turns(channels)
-    # With fewer than one and a half periods, a wave is not seen to repeat.
-    return (1.5 / turns if turns > 0.0 else ORDERS[-1]), ORDERS[-1]
+    return (FEWEST_PERIODS / turns if turns > 0.0 else ORDERS[-1]), ORDERS[-1]
 
 
 class TorqueRipple(MeanEffect):
