@@ -41,10 +41,31 @@ BASE_CUT: Final = 3.0  # standard deviations
 # then equal the paper's (tests/simulation/test_datasets.py measures them).
 PAPER_JUMP_RATE: Final = (0.63, 2.93)
 
+HARD_JUMP_SIGMAS: Final = (3.0, 6.0)  # jumps of `hard` in standard deviations of the noise
+HARD_GAPS: Final = (1, 4)  # gaps per window, both included
+HARD_GAP_S: Final = (1.0, 60.0)  # s: a lost packet to a short outage
+HARD_ANOMALY_SHARE: Final = 0.25  # probability of each anomaly, independently
 FLEET_WINDOWS: Final = 24  # windows in the life of one wheel
 FLEET_ONSET: Final = (0.1, 0.5)  # share of that life after which its anomaly begins to grow
 FLEET_SEVERITIES: Final = {name: 1.0 + 1.5 * (mild - 1.0) for name, mild in MILD_SEVERITIES.items()}  # at its end
-ORBIT_SWING_K: Final = 3.0  # with the eclipses, about a mean that moves over the seasons; a working assumption
+LABEL_SHARE: Final = 0.5  # a growing anomaly counts as active from half of its final severity on
+
+
+# A bearing in orbit: ±3 K with the eclipses, ±15 K over the seasons, measured by a sensor on the housing; viscosity
+# falls by 2 to 8 % per kelvin (the catalogue's range). All but the latter are working assumptions.
+ORBIT_SWING_K: Final = 3.0
+ACTIVATION_K: Final = (1700.0, 6900.0)
+SENSOR_LAG_S: Final = (300.0, 1200.0)  # s, tens of minutes at most for a wheel of a few kilograms
+# `flown`: noise as measured on six joints of a robot at 200 Hz (docs/measured.md: correlation of neighbours 0.56 to
+# 0.98 in the residual of the fitted law, spread up to three times larger at speed, 3.5 to 12 degrees of freedom),
+# converted to the wheel's own period. Quanta are those of 13 to 16 bits over twice the maximum current. No available
+# record is long enough to measure a drift over hours: that, and the sizes of the anomalies, are working assumptions.
+# Durations are those of `paper`.
+FLOWN_CORRELATION_TIME_S: Final = (0.0086, 0.25)  # s, of an AR(1) with that correlation
+FLOWN_TAILS: Final = (3.5, 12.0)  # degrees of freedom
+FLOWN_SPREAD: Final = (1.0, 3.0)  # of the noise at nominal speed over that at rest
+FLOWN_BITS: Final = (13, 16)  # of the current's converter, both included
+FLOWN_DRIFT_PER_SQRT_H: Final = (0.0, 0.01)  # of base dry friction
 FLOWN_EXCESS: Final = {"dry": (0.06, 0.50), "viscous": (0.03, 0.25), "fss_1": (0.3, 1.5), "fss_2": (0.2, 1.2)}
 
 
@@ -155,8 +176,7 @@ def wheel_windows(recipe: str | Recipe, number: int, seed: int) -> Iterator[Labe
         piece = cut(record, window * samples, (window + 1) * samples, wheel)
         middle_s = np.array((window + 0.5) * samples * wheel.sample_period_s)
         factors = {name: float(scenario.factor_at(name, middle_s)) for name in wheel.anomalies}
-        # A growing anomaly counts as active from half of its final severity on.
-        grown = {name for name, anomaly in scenario.anomalies.items() if anomaly.share_at(middle_s) >= 0.5}
+        grown = {name for name, anomaly in scenario.anomalies.items() if anomaly.share_at(middle_s) >= LABEL_SHARE}
         labels = {name: name in grown for name in wheel.anomalies}
         piece = replace(piece, truth=replace(piece.truth, labels=labels, factors=factors))
         yield LabelledWindow(f"{wheel.name}_{window:03d}", wheel, scenario, piece)
@@ -201,12 +221,12 @@ def _with_random_rate(wheel: Wheel, rng: Generator) -> Wheel:
 
 
 def _hard_wheel(rng: Generator) -> Wheel:
-    """Return a wheel of three systems with jumps of 3 to 6 σ and various kinds of duration laws."""
+    """Return a wheel of three systems with small jumps and various kinds of duration laws."""
     wheel = built_in_wheel()
     assert wheel.nominal is not None
     assert wheel.noise.friction_std_Nm is not None
     sigma = wheel.noise.friction_std_Nm / wheel.nominal.dry_torque_Nm
-    low, high = 3.0 * sigma, 6.0 * sigma
+    low, high = (sigma * jump for jump in HARD_JUMP_SIGMAS)
     middle = 0.5 * (low + high)
     rest, active = FrictionRange(low=0.0, high=0.0), FrictionRange(low=low, high=high)
     # The third configuration of fss_2 lies so that each of its steps is a jump of 3–6 σ, too.
@@ -233,8 +253,8 @@ def _heated_wheel(rng: Generator) -> Wheel:
         name="viscosity_temperature",
         parameters={
             "strength_Nm_s_rad": wheel.nominal.viscous_Nm_s_rad,
-            "activation_temperature_K": rng.uniform(1700.0, 6900.0),  # 2 to 8 % per kelvin: the catalogue's range
-            "sensor_lag_s": rng.uniform(300.0, 1200.0),  # on the housing of a wheel of a few kilograms; an assumption
+            "activation_temperature_K": rng.uniform(*ACTIVATION_K),
+            "sensor_lag_s": rng.uniform(*SENSOR_LAG_S),
         },
     )
     return wheel.model_copy(update={"effect": (law,)})
@@ -290,8 +310,8 @@ def _fleet(wheel: Wheel, number: int, windows: int, rng: Generator) -> Scenario:
 
 
 def _hard(wheel: Wheel, number: int, windows: int, rng: Generator) -> Scenario:  # noqa: ARG001
-    """Return any combination of anomalies, each in a quarter of the wheels, with correlated noise and gaps."""
-    active = rng.random(len(wheel.anomalies)) < 0.25
+    """Return any combination of anomalies, with autocorrelated noise, zero crossings and gaps."""
+    active = rng.random(len(wheel.anomalies)) < HARD_ANOMALY_SHARE
     return _life(
         wheel,
         windows,
@@ -313,40 +333,34 @@ def _orbit(wheel: Wheel, number: int, windows: int, rng: Generator) -> Scenario:
 
 
 def _gaps(wheel: Wheel, windows: int, rng: Generator) -> tuple[Fault, ...]:
-    """Draw one to four gaps for every window, from a lost packet to a short outage."""
+    """Draw the gaps of every window."""
     return tuple(
-        Fault(kind="gap", start_s=(window + rng.random()) * wheel.window_s, duration_s=rng.uniform(1.0, 60.0))
+        Fault(kind="gap", start_s=(window + rng.random()) * wheel.window_s, duration_s=rng.uniform(*HARD_GAP_S))
         for window in range(windows)
-        for _ in range(rng.integers(1, 4, endpoint=True))
+        for _ in range(rng.integers(*HARD_GAPS, endpoint=True))
     )
 
 
 def _flown(wheel: Wheel, number: int, windows: int, rng: Generator) -> Scenario:
-    """Return at most one anomaly of random size, with noise, quanta, drift and gaps drawn for each wheel.
-
-    Noise is as measured on six joints of a robot at 200 Hz (docs/measured.md: correlation of neighbours 0.56 to 0.98 in
-    the residual of the fitted law, spread up to three times larger at speed, 3.5 to 12 degrees of freedom), converted
-    to the wheel's own period. Quanta are those of 13 to 16 bits over twice the maximum current. No available record is
-    long enough to measure a drift over hours: that, and the sizes of the anomalies, are working assumptions.
-    """
+    """Return at most one anomaly of random size, with noise, quanta, drift and gaps drawn for each wheel."""
     assert wheel.nominal is not None
     excess = {name: 1.0 + rng.uniform(*bounds) for name, bounds in FLOWN_EXCESS.items()}
-    correlation_time_s = float(np.exp(rng.uniform(*np.log((0.0086, 0.25)))))
-    spread = rng.uniform(1.0, 3.0) - 1.0  # of the noise, from rest to nominal speed
-    current_A = 2.0 * (wheel.limits.max_current_A or 0.0) * 2.0 ** -float(rng.integers(13, 16, endpoint=True))
+    correlation_time_s = float(np.exp(rng.uniform(*np.log(FLOWN_CORRELATION_TIME_S))))
+    spread = rng.uniform(*FLOWN_SPREAD) - 1.0
+    current_A = 2.0 * (wheel.limits.max_current_A or 0.0) * 2.0 ** -float(rng.integers(*FLOWN_BITS, endpoint=True))
     scenario = _life(
         wheel,
         windows,
         ("orbit", "one_direction", "crossings", "rich"),
         rng,
-        drift_per_sqrt_h=(0.0, 0.01),
+        drift_per_sqrt_h=FLOWN_DRIFT_PER_SQRT_H,
         anomalies=_one_status(excess, wheel, number),
         noise=FrictionNoise(law="ar1", ar_coefficient=float(np.exp(-wheel.sample_period_s / correlation_time_s))),
         sensors=Sensors(friction_quantum_Nm=current_A * (wheel.torque_constant_Nm_A or 0.0)),
     )
     growth_s_rad = spread / wheel.nominal.nominal_speed_rad_s
     effects = (
-        EffectBlock(name="heavy_tailed_noise", parameters={"degrees_of_freedom": rng.uniform(3.5, 12.0)}),
+        EffectBlock(name="heavy_tailed_noise", parameters={"degrees_of_freedom": rng.uniform(*FLOWN_TAILS)}),
         EffectBlock(name="speed_dependent_noise", parameters={"strength_s_rad": growth_s_rad}),
     )
     return scenario.model_copy(update={"effect": effects, "fault": _gaps(wheel, windows, rng)})

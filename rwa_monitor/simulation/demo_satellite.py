@@ -34,6 +34,8 @@ WHEELS: Final = ("wheel_1", "wheel_2", "wheel_3", "wheel_4")
 FAILING: Final = "wheel_3"
 ANOMALY: Final = "viscous"
 FACTOR: Final = 1.25  # on the nominal viscous friction
+ONSET_SHARE: Final = 0.3  # of the run
+GROWTH_WINDOWS: Final = 0.5
 # The motion of each wheel, in the order of WHEELS.
 PROFILES: Final = ("rich", "crossings", "rich", "orbit")
 PAUSE_S: Final = 60.0  # simulated time; twice as long as the wheel takes from rest to its nominal speed
@@ -111,8 +113,8 @@ def simulate_satellite(spacecraft: str, duration_s: float, start_ns: int, seed: 
     wheel = demo_wheel()
     speed = wheel.window_s / WINDOW_SECONDS
     simulated_s = duration_s * speed
-    onset_s = 0.3 * simulated_s
-    failure = {ANOMALY: Anomaly(factor=FACTOR, onset_s=onset_s, growth_s=0.5 * wheel.window_s)}
+    onset_s = ONSET_SHARE * simulated_s
+    failure = {ANOMALY: Anomaly(factor=FACTOR, onset_s=onset_s, growth_s=GROWTH_WINDOWS * wheel.window_s)}
     *streams, hidden_stream = np.random.default_rng(seed).spawn(len(WHEELS) + 1)
     hiding = str(hidden_stream.choice([name for name in WHEELS if name != FAILING]))
     hidden = hide(wheel, simulated_s, start_ns, hidden_stream)

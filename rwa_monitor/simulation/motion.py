@@ -22,10 +22,13 @@ ProfileKind = Literal["orbit", "one_direction", "crossings", "rich", "constant",
 
 ORBIT_S: Final = 5400.0  # s, period of a low orbit (about 400 km)
 SLEW_S: Final = (60.0, 240.0)  # s, one move of a slew: an agile spacecraft turns in minutes
+ACTIVITY_PERIOD_S: Final = (20.0, 200.0)  # s, band of the attitude loop's activity: bandwidth 0.005–0.05 Hz
 ACTIVITY_TONES: Final = 8  # sinusoids, enough that the activity does not repeat within a record
 # A smooth rise and fall of the acceleration over the first and last fifth of a move keeps the jerk finite, as a slew
 # profile does.
 ROUNDED: Final = 0.2  # share of a move over which the acceleration rises, and falls
+CURRENT_RESERVE: Final = 0.8  # share of the maximum current that a planned acceleration may take
+SPEED_RESERVE: Final = 0.97  # share of the maximum speed that a profile may reach
 ROUNDING: Final = 1.0e-12  # relative: largest residual of sums that cancel
 UNLIMITED_ACCELERATION_S: Final = 30.0  # s, from rest to the nominal speed, where no maximum current is known
 
@@ -100,7 +103,7 @@ def simulate_motion(profile: SpeedProfile, wheel: Wheel, slots: int, rng: Genera
     plan = _Plan(time, largest_acceleration(wheel) / unit)
     _PROFILES[profile.kind](plan, profile, rng)
     limit = wheel.limits.max_speed_rad_s
-    plan.shrink_to(np.inf if limit is None else 0.97 * limit / unit)
+    plan.shrink_to(np.inf if limit is None else SPEED_RESERVE * limit / unit)
     # Moves that add up to zero leave rounding errors; a wheel at rest has no direction.
     plan.speed[np.abs(plan.speed) < ROUNDING] = 0.0
     return Motion(plan.speed * unit, plan.acceleration * unit)
@@ -134,8 +137,7 @@ def largest_acceleration(wheel: Wheel) -> float:
         return unit / UNLIMITED_ACCELERATION_S
     # Three times the nominal friction at nominal speed covers switching systems and anomalies.
     friction = 3.0 * (wheel.nominal.dry_torque_Nm + wheel.nominal.viscous_Nm_s_rad * unit)
-    # A planned acceleration takes at most 80 % of the maximum current.
-    torque = 0.8 * wheel.limits.max_current_A * wheel.torque_per_ampere_Nm_A - friction
+    torque = CURRENT_RESERVE * wheel.limits.max_current_A * wheel.torque_per_ampere_Nm_A - friction
     if torque <= 0:
         raise InputError(
             f"wheel {wheel.name}", "cannot overcome three times the nominal friction", "limits.max_current_A"
@@ -172,12 +174,12 @@ class _Plan:
         self.acceleration[first:last] += change / duration * acceleration
 
     def add_activity(self, rms: float, rng: Generator) -> None:
-        """Add the attitude loop's activity: a few tones of random phase in its band, a bandwidth of 0.005–0.05 Hz."""
+        """Add the attitude loop's activity: a few tones of random period and phase."""
         if rms == 0.0:
             return
         amplitude = rms * np.sqrt(2.0 / ACTIVITY_TONES)
         for _ in range(ACTIVITY_TONES):
-            self.add_tone(amplitude, np.exp(rng.uniform(*np.log((20.0, 200.0)))), rng.uniform(0, 2 * np.pi))
+            self.add_tone(amplitude, np.exp(rng.uniform(*np.log(ACTIVITY_PERIOD_S))), rng.uniform(0, 2 * np.pi))
 
     def shrink_to(self, limit: float) -> None:
         """Scale the whole motion down if its speed exceeds `limit`, or the sum of its parts accelerates too fast."""

@@ -181,6 +181,7 @@ def cut(telemetry: Telemetry, start: int, stop: int, wheel: Wheel) -> Telemetry:
 
 
 ROTOR_TIME_CONSTANT_S: Final = 1200.0  # s, bearing against housing: tens of minutes for a wheel of a few kilograms
+DISSIPATION_K_W: Final = 2.0  # K/W, bearing above the housing per watt of friction
 ORBITAL_SWING_K: Final = (1.0, 5.0)  # K, peak to peak over an orbit; a working assumption
 COUPLING_ROUNDS: Final = 100
 QUANTUM_STD: Final = 12.0**-0.5  # of the rounding error, in steps: uniform over one step
@@ -534,7 +535,7 @@ def bearing_temperature(
 
     # Exact step of the first-order lag for a power constant over a slot; the record begins in equilibrium.
     stay = float(np.exp(-(time_s[1] - time_s[0]) / ROTOR_TIME_CONSTANT_S))
-    target = 2.0 * friction_power_W  # [K] of the bearing above the housing, 2 K per watt
+    target = DISSIPATION_K_W * friction_power_W
     warm, _ = signal.lfilter([1.0 - stay], [1.0, -stay], target, zi=[stay * float(np.mean(target))])
     return housing + warm
 

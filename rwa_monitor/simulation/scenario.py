@@ -40,6 +40,12 @@ from rwa_monitor.wheel.wheel import EffectBlock, NoNegative, Positive, Wheel, bu
 
 MAX_SLOTS: Final = 100_000_000  # of one simulated record: 10 GB of channels and truth; more is a wrong unit
 
+# Sensors of a small wheel, relative to what they measure; a scenario may give its own.
+SPEED_NOISE: Final = 0.01 / 300.0  # of the nominal speed: 0.01 rad/s at 300 rad/s (errata 17)
+SPEED_QUANTUM: Final = 0.005 / 300.0  # of the nominal speed: 24-bit period counter, well below its noise
+CURRENT_NOISE: Final = 2.0e-5  # of the maximum current: 0.1 mA at 5 A
+CURRENT_QUANTUM: Final = 2.0**-15  # of the maximum current: 16-bit converter over ± that current
+
 
 class Sensors(Strict):
     """Noise (standard deviations) and quantisation (steps) of the channels; None: usual for a wheel of this size."""
@@ -58,10 +64,10 @@ class Sensors(Strict):
         current = wheel.limits.max_current_A or built_in_wheel().limits.max_current_A
         assert current is not None
         usual = {
-            "speed_noise_rad_s": 0.01 / 300.0 * speed,  # 0.01 rad/s at a nominal speed of 300 rad/s (errata 17)
-            "speed_quantum_rad_s": 0.005 / 300.0 * speed,  # 24-bit period counter, well below its noise
-            "current_noise_A": 2.0e-5 * current,  # 0.1 mA at a maximum current of 5 A
-            "current_quantum_A": 2.0**-15 * current,  # 16-bit converter over ± that current
+            "speed_noise_rad_s": SPEED_NOISE * speed,
+            "speed_quantum_rad_s": SPEED_QUANTUM * speed,
+            "current_noise_A": CURRENT_NOISE * current,
+            "current_quantum_A": CURRENT_QUANTUM * current,
         }
         return {**usual, **self.model_dump(exclude_none=True)}
 
