@@ -38,7 +38,11 @@ from rwa_monitor.wheel.file_content import rounded
 
 NODES: Final = 41  # of each parameter over its posterior
 REACH: Final = (-6.0, 10.0)  # standard errors over which a scale is integrated; cut sojourns only lengthen it
+SHAPES: Final = (0.5, 20.0)  # of a Weibull law: from bursts to almost periodic
 SCALES: Final = float(np.log(1e6))  # width of the prior of a scale's logarithm: from a slot to a day and a half at 8 Hz
+BEYOND: Final = 60  # points of the integral over the tail of a sojourn that outlasts a record
+POINTS: Final = 1000  # at which the survival function is computed before it is reduced to a histogram
+NEGLIGIBLE: Final = 1e-7  # probability of one law of thousands, below which it is left out
 FARTHEST: Final = 100.0  # times the longest sojourn seen: largest duration of a law
 # P(τ ≥ e) at the edges of the histogram; between them it is linear, and the probability outside is less than the share
 # of the broad law that a diagnosis mixes in.
@@ -163,7 +167,7 @@ def _log_likelihood(
         total += np.log(nodes.laws.survival(begun)).sum(axis=1)
         total += np.log(nodes.laws.survival(found)).sum(axis=1) - found.size * log_mean
         for length in throughout:
-            at = np.geomspace(length, FARTHEST * length, 60)
+            at = np.geomspace(length, FARTHEST * length, BEYOND)
             total += np.log(np.trapezoid(nodes.laws.survival(at), at, axis=1)) - log_mean
     return total
 
@@ -206,7 +210,7 @@ def _lognormal(typical: FloatArray, _: FloatArray) -> _Nodes:
 
 
 def _weibull(typical: FloatArray, _: FloatArray) -> _Nodes:
-    shape, z, log_weight = _shape_and_scale((0.5, 20.0), typical.size)  # from bursts to almost periodic
+    shape, z, log_weight = _shape_and_scale(SHAPES, typical.size)
     # The mean of log x is log λ - γ/k.
     scale = np.exp(float(np.log(typical).mean()) + (z - special.digamma(1.0)) / shape)
     laws = _laws_at(Weibull, shape=shape, scale=scale)
@@ -233,12 +237,12 @@ FAMILIES: Final[dict[str, Callable[[FloatArray, FloatArray], _Nodes]]] = {
 
 def _mixture(parts: Sequence[tuple[float, _Group]], farthest: float) -> LearnedLaw:
     """Return the predictive law: the mixture of groups by their weights."""
-    at: IntArray = np.unique(np.geomspace(1.0, min(max(farthest, 100.0), LONGEST), 1000).astype(np.int64))
+    at: IntArray = np.unique(np.geomspace(1.0, min(max(farthest, 100.0), LONGEST), POINTS).astype(np.int64))
     survival, shares = np.zeros(at.size), np.zeros(len(FAMILIES))
     log_mean, square = 0.0, 0.0
     for weight, group in parts:
         for f, (nodes, posterior) in enumerate(zip(group.families, group.posterior, strict=True)):
-            likely = posterior * weight > 1e-7  # one law of thousands that is less likely is left out
+            likely = posterior * weight > NEGLIGIBLE
             if not likely.any():
                 continue
             parameters = {name: values[likely, 0] for name, values in nodes.laws if name != "law"}

@@ -25,7 +25,13 @@ from rwa_monitor.wheel.effects.base import MeanEffect
 from rwa_monitor.wheel.effects.catalogue import MEAN_EFFECTS, mean_effects, to_block, viscous_per_K
 from rwa_monitor.wheel.wheel import Nominal, Wheel
 
+# Least standard deviation of the friction from temperature, as a share of the lowest level; a smaller one is ignored.
+SMALLEST_SWING: Final = 0.005
 FEWEST_RECORDINGS: Final = 3  # for a spread: of two that differ, one may be of a failing wheel
+GRID: Final = 4  # start values of each shape parameter
+ROUNDS: Final = 2  # of alternating fits of jumps and shape
+SETTLED: Final = 0.1  # change of the criterion at which a fit has converged
+ONE_SIDED: Final = 0.95  # share of future recordings within the spread, on either side
 
 
 @dataclass(frozen=True, slots=True)
@@ -96,9 +102,8 @@ def _follows_temperature(problem: Problem, fitted: Fit) -> bool:
     follows = fit(problem, (problem.speed * temperature)[:, None])
     # A lubricant's viscosity falls with temperature.
     falls = -float(follows.coefficients[1]) * float(np.std(problem.speed * temperature))
-    # A standard deviation of friction from temperature below half a per cent of the lowest level is ignored.
     better = criterion(problem, fitted) - criterion(problem, follows) >= ACCEPT_GAIN
-    return better and falls >= 0.005 * abs(float(fitted.level.min()))
+    return better and falls >= SMALLEST_SWING * abs(float(fitted.level.min()))
 
 
 def _law_of(problem: Problem, effect: type[MeanEffect], *, lags: bool) -> tuple[MeanEffect, float]:
@@ -111,7 +116,8 @@ def _law_of(problem: Problem, effect: type[MeanEffect], *, lags: bool) -> tuple[
     usual = {one.name: one.default or 0.0 for one in effect.shape_parameters()}
     bounds = {one.name: limits[one.name] for one in effect.shape_parameters() if not one.choices or one.name in reach}
     grids = [
-        (low, low + reach[name]) if name in reach else np.linspace(low, high, 4) for name, (low, high) in bounds.items()
+        (low, low + reach[name]) if name in reach else np.linspace(low, high, GRID)
+        for name, (low, high) in bounds.items()
     ]
 
     def shape(values: FloatArray) -> dict[str, float]:
@@ -127,7 +133,7 @@ def _law_of(problem: Problem, effect: type[MeanEffect], *, lags: bool) -> tuple[
         return criterion(followed, fitted), values, fitted
 
     best = min((refitted(np.array(values)) for values in itertools.product(*grids)), key=lambda one: one[0])
-    for _ in range(2):
+    for _ in range(ROUNDS):
         first = segment_starts(problem, best[2].jumps)
         z = remove_levels(problem.z, first)
 
@@ -137,7 +143,7 @@ def _law_of(problem: Problem, effect: type[MeanEffect], *, lags: bool) -> tuple[
 
         ends = list(bounds.values())
         found = optimize.minimize(
-            residual_cost, best[1], bounds=ends, method="Nelder-Mead", options={"fatol": 0.1, "xatol": np.inf}
+            residual_cost, best[1], bounds=ends, method="Nelder-Mead", options={"fatol": SETTLED, "xatol": np.inf}
         )
         best = min(best, refitted(found.x), key=lambda one: one[0])
     law = effect(**{strength: max(float(best[2].coefficients[0]), 0.0), **shape(best[1])})
@@ -178,7 +184,7 @@ def _with_spread(plain: Heat, records: Sequence[Record], bare: Wheel) -> Heat:
     slopes = np.array([float(fit(make_problem([record], bare)).coefficients[0]) for record in records])
     mean, count = float(slopes.mean()), len(records)
     # The spread of a few recordings is uncertain: widen it to the prediction interval of Student's t.
-    few = float(stats.t.ppf(0.95, count - 1) / stats.norm.ppf(0.95) * np.sqrt(1.0 + 1.0 / count))
+    few = float(stats.t.ppf(ONE_SIDED, count - 1) / stats.norm.ppf(ONE_SIDED) * np.sqrt(1.0 + 1.0 / count))
     spread = float(np.std(slopes, ddof=1)) / max(mean, TINY)
     if spread < BASE_VISCOUS_STD or slopes.min() <= 0.0:
         return plain

@@ -45,6 +45,7 @@ LARGEST_LAW_ERROR: Final = 0.3
 # attributed to a switching system (a slope that differs between recordings makes such jumps), and a smaller drift is
 # ignored; as a share of all friction, a smaller torque does not impair the result.
 HARMLESS: Final = 0.02
+TYPICAL_WITHIN: Final = 2.5  # standard deviations of a configuration's friction; a uniform law's reach 1.7
 
 
 class Learned(NamedTuple):
@@ -265,8 +266,7 @@ def _typical(seen: Sequence[Visit]) -> FloatArray:
     """
     friction, std = np.array([(visit.friction, visit.std) for visit in seen]).T
     good = std <= np.median(std)
-    # In standard deviations; those of a uniform law reach 1.7.
-    good &= np.abs(friction - np.median(friction[good])) <= 2.5 * np.std(friction[good])
+    good &= np.abs(friction - np.median(friction[good])) <= TYPICAL_WITHIN * np.std(friction[good])
     return np.asarray(friction[good])
 
 
@@ -348,8 +348,11 @@ def _note(name: str, laws: Sequence[LearnedLaw], system: _System) -> str:
 # A nominal value is useful while its standard deviation is at most about half of the half-width of the built-in model's
 # bands of healthy wheels: 6 % for base dry friction, 4 % for viscous friction.
 LARGEST_ERROR: Final = 0.025
+DRIFT_VISIBLE_AT: Final = 6.0  # standard deviations, above which a drift is significant
 MOST_SYSTEMS: Final = max(len(counts) for tier in TIERS for counts in tier)
+MAX_UNEXPLAINED: Final = 0.1  # share of segments that fit no system; more are not due to chance
 SURE_BY: Final = 3.0  # log-likelihood by which one description must exceed the next: odds of 20
+MOST_TIMES: Final = 10  # largest factor on the recordings that is asked for, where two descriptions hardly differ
 
 
 def friction_errors(problem: Problem) -> tuple[float, float]:
@@ -394,8 +397,7 @@ def drift_in_words(problem: Problem, jumps: IntArray, residual: FloatArray, base
         return ""
     per_slot = float(time @ residual) / spread
     over_all = per_slot * sum(record.used.size for record in problem.records)
-    # Six standard deviations are significant.
-    certain = abs(per_slot) > 6.0 * math.sqrt(problem.noise.long_run_variance / spread)
+    certain = abs(per_slot) > DRIFT_VISIBLE_AT * math.sqrt(problem.noise.long_run_variance / spread)
     if not certain or abs(over_all) < HARMLESS * base:
         return ""
     return (
@@ -436,7 +438,7 @@ def check_distinguished(attribution: JumpAttribution, base: float, hours: float)
         If many segments fit no system, if other numbers of configurations fit nearly as well, or if two systems of two
         configurations have jumps of about the same size and duration.
     """
-    if attribution.unexplained > 0.1:  # more are not due to chance
+    if attribution.unexplained > MAX_UNEXPLAINED:
         raise InputError(
             "identify",
             f"{100.0 * attribution.unexplained:.0f} % of the segments between jumps fit no sum of up to {MOST_SYSTEMS}"
@@ -456,7 +458,7 @@ def check_distinguished(attribution: JumpAttribution, base: float, hours: float)
     for alternative, worse in attribution.alternatives:
         # An alternative that only adds systems is none: their gain is below the penalty of their parameters.
         if worse < SURE_BY and Counter(counts) - Counter(alternative):
-            times = min(int(np.ceil(SURE_BY / max(worse, TINY))), 10)
+            times = min(int(np.ceil(SURE_BY / max(worse, TINY))), MOST_TIMES)
             raise InputError(
                 "identify",
                 f"the jumps may be of {_in_words(counts)}, or nearly as well of {_in_words(alternative)}"
@@ -473,6 +475,9 @@ def _in_words(counts: tuple[int, ...]) -> str:
 
 
 # ---- friction that comes out negative --------------------------------------------------------------------------------
+
+
+VISIBLE_AT: Final = 10.0  # standard deviations, above which a torque in the friction is significant, for white noise
 
 
 def why_negative(problem: Problem, fitted: Fit, wheel: Wheel, finding: str) -> str:
@@ -523,7 +528,7 @@ def _share_of(problem: Problem, fitted: Fit, column: FloatArray, size: float) ->
     design = remove_levels(np.column_stack([column, problem.speed]), first)
     value, std = first_slope(design, remove_levels(problem.z, first))
     large = abs(value) * size >= HARMLESS * math.sqrt(np.mean(problem.z**2))
-    return value, std, large and abs(value) >= 10.0 * std  # significant although the noise is not white
+    return value, std, large and abs(value) >= VISIBLE_AT * std
 
 
 def missing_law(problem: Problem, fitted: Fit) -> str | None:
