@@ -470,9 +470,7 @@ def _hidden_friction(system: SwitchingSystem, configurations: IntArray, friction
         return 0.0
     low = np.array([band.low for band in system.friction])[configurations[active]]
     small = friction[active] < MIN_CREDIBLE_RATIO * low
-    if small.mean() < IMPLAUSIBLE_SHARE:
-        return 0.0
-    return system.friction[1].middle
+    return 0.0 if small.mean() < IMPLAUSIBLE_SHARE else system.friction[1].middle
 
 
 def _shapes(blocks: Blocks, evidence: Evidence, estimate: Estimate, wheel: Wheel) -> FloatArray:

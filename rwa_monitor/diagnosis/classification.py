@@ -200,10 +200,10 @@ class Judged:
     """
 
     name: str
-    probability: float
-    active: bool
-    informative: bool
-    unfamiliar: bool
+    probability: float = UNKNOWN
+    active: bool = False
+    informative: bool = False
+    unfamiliar: bool = False
     relies_on_earlier: bool = False
     known: bool = True
 
@@ -239,12 +239,8 @@ def assigned_configurations(features: Features) -> tuple[IntArray, ...]:
 
 def unjudged(features: Features, names: Sequence[str]) -> Judgement:
     """Return the judgement where nothing is known: neither active nor not."""
-    return Judgement(tuple(map(_not_judged, names)), features, {}, assigned_configurations(features))
-
-
-def _not_judged(name: str) -> Judged:
-    """Return the judgement on an anomaly of which nothing is known: neither active nor not."""
-    return Judged(name, UNKNOWN, active=False, informative=False, unfamiliar=False, known=False)
+    judged = tuple(Judged(name, known=False) for name in names)
+    return Judgement(judged, features, {}, assigned_configurations(features))
 
 
 def classify(
@@ -282,10 +278,9 @@ def classify(
     prior = _prior(models, names, model, carried, history)
     log_prior = np.log(prior)
     by_path = softmax(log_prior + log_likelihood)
-    posterior = by_path.sum(axis=0)
-    likeliest = max(
-        (s for s, one in enumerate(conditional) if one.same_jumps), key=lambda s: float(by_path[s].sum()), default=None
-    )
+    posterior, weights = by_path.sum(axis=0), by_path.sum(axis=1)
+    same_jumps = (s for s, one in enumerate(conditional) if one.same_jumps)
+    likeliest = max(same_jumps, key=lambda s: float(weights[s]), default=None)
     configurations = assigned_configurations(features if likeliest is None else conditional[likeliest])
     ambiguity = None
     if not features.base_known:
@@ -295,7 +290,7 @@ def classify(
         base = dry.after(features.base_dry, features.base_dry_std) if dry else None
     else:
         number = ambiguity.number(combinations)
-        features = _widened(ambiguity.apply(features, posterior, number), conditional, by_path.sum(axis=1))
+        features = _widened(ambiguity.apply(features, posterior, number), conditional, weights)
         # The window identifies only the sum of the base and a system's friction: no new value replaces the old one.
         base = dry.before.changed(held=ambiguity.held_after(posterior, number)) if dry and dry.before else None
 
@@ -303,7 +298,7 @@ def classify(
     shares, shares_before = shares_of(combinations, posterior), shares_of(combinations, prior)
     for a, (name, learned, share, before) in enumerate(zip(names, models, shares, shares_before, strict=True)):
         if not _is_known(learned):
-            judged.append(_not_judged(name))
+            judged.append(Judged(name, known=False))
             continue
         # Rounding can raise a sum of shares above one: 1 + 2e-16 would be refused as a probability.
         probability = min(1.0, share)
@@ -431,12 +426,11 @@ def _learned_prior(
     of_count = np.array([simultaneous[min(k, len(simultaneous) - 1)] / math.comb(total, k) for k in range(total + 1)])
     prior = of_count[count] / of_count[count].sum()
     log_prior = np.log(prior)
-    rates = []
-    for a, rate in enumerate(learned):
-        before = float(prior[combinations[:, a]].sum())
-        rates.append(before if rate is None else rate)
-        log_prior += combinations[:, a] * (_logit(rates[a]) - _logit(before))
-    return softmax(log_prior), tuple(rates)
+    shares = shares_of(combinations, prior)
+    rates = tuple(share if rate is None else rate for rate, share in zip(learned, shares, strict=True))
+    for there, rate, share in zip(combinations.T, rates, shares, strict=True):
+        log_prior += there * (_logit(rate) - _logit(share))
+    return softmax(log_prior), rates
 
 
 def _carried_probabilities(
@@ -447,14 +441,13 @@ def _carried_probabilities(
     That of a coefficient which they measured comes from its value; the others' from the last judgement, and the
     probability of a change since.
     """
-    shown: dict[int, float] = {}
-    for a, (name, rate) in enumerate(zip(names, rates, strict=True)):
-        value = history[a] if a < 2 else None
-        if value is not None and value.before is not None:
-            shown[a] = value.prior
-        elif name in carried.probability:
-            shown[a] = probability_before(carried.probability[name], rate)
-    return {a: _clipped(p) for a, p in shown.items()}
+    shown = {
+        a: probability_before(carried.probability[name], rate)
+        for a, (name, rate) in enumerate(zip(names, rates, strict=True))
+        if name in carried.probability
+    }
+    shown |= {a: value.prior for a, value in enumerate(history) if value and value.before}
+    return {a: _clipped(p) for a, p in sorted(shown.items())}
 
 
 def _is_known(model: AnomalyModel | None) -> TypeGuard[AnomalyModel]:

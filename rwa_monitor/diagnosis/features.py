@@ -8,7 +8,7 @@ sign (errata 10); `rests` is then false, and the joint classifier integrates ove
 from __future__ import annotations
 
 import math
-from typing import Final, NamedTuple
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 
@@ -150,13 +150,11 @@ def without_prior(features: Features, prior: SlopePrior) -> Features:
     mean, std = prior.mean / features.viscous_unit, prior.std / features.viscous_unit
     left = (features.viscous_std / std) ** 2
     own = 1.0 - left
-    if not own > LEAST_INFORMATION:
-        viscous, viscous_std = mean, np.inf
-    else:
-        viscous = (features.viscous - left * mean) / own
-        viscous_std = features.viscous_std / np.sqrt(own)
-    by_path = tuple(one._replace(viscous=float(viscous), viscous_std=float(viscous_std)) for one in features.by_path)
-    return features._replace(viscous=float(viscous), viscous_std=float(viscous_std), by_path=by_path)
+    alone: dict[str, Any] = {"viscous": mean, "viscous_std": math.inf}
+    if own > LEAST_INFORMATION:
+        alone["viscous"] = (features.viscous - left * mean) / own
+        alone["viscous_std"] = features.viscous_std / math.sqrt(own)
+    return features._replace(**alone, by_path=tuple(one._replace(**alone) for one in features.by_path))
 
 
 def _systems(

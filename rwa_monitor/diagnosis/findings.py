@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from rwa_monitor.changepoints.stage_results import REJECTED, UNATTRIBUTED, Assignment, Evidence
-from rwa_monitor.diagnosis.adequacy import FITS, Adequacy
+from rwa_monitor.diagnosis.adequacy import Adequacy
 from rwa_monitor.diagnosis.classification import Judged, Judgement
 from rwa_monitor.diagnosis.features import Features
 from rwa_monitor.diagnosis.model import AnomalyModel, Levels, Model, models_for
@@ -118,9 +118,9 @@ class Findings(NamedTuple):
     inputs: DiagnosisInput
     anomalies: tuple[AnomalyDiagnosis, ...]
     base_known: bool
-    fits: Adequacy = FITS
-    unnamed_jumps: bool = False
-    temperature_uncertainty: str = ""
+    fits: Adequacy
+    unnamed_jumps: bool
+    temperature_uncertainty: str
 
     def because_of_temperature(self, names: Sequence[str]) -> str:
         """Return the end of a reason, on temperature, why these anomalies are not judged; "" where `lacking` has it."""
@@ -202,9 +202,8 @@ def changepoints_of(assignment: Assignment, wheel: Wheel, start_ns: int = 0) -> 
     torque = wheel.torque_unit_Nm
     order = np.argsort(assignment.index, kind="stable")
     # Of two jumps with no usable sample between them only the sum is known: either may be all of it.
-    std, open_ended = assignment.jump_std, ~np.isfinite(assignment.jump_std)
-    if open_ended.any():
-        std = np.where(open_ended, np.abs(assignment.jump[open_ended]).sum(), std)
+    open_ended = ~np.isfinite(assignment.jump_std)
+    std = np.where(open_ended, np.abs(assignment.jump[open_ended]).sum(), assignment.jump_std)
     columns = (assignment.index, assignment.jump * torque, std * torque, assignment.system, assignment.confidence)
     return [
         AttributedChangepoint(

@@ -11,7 +11,7 @@ from typing import Final, Literal
 
 from scipy import stats
 
-from rwa_monitor.diagnosis.model import Levels, Model, models_for
+from rwa_monitor.diagnosis.model import Model, models_for
 from rwa_monitor.errors import InputError
 from rwa_monitor.kernels.running_sums import BLOCK
 from rwa_monitor.samples import SECONDS_PER_DAY
@@ -76,18 +76,14 @@ def deciding_manoeuvres(
     learned = models_for(wheel, model)[wheel.anomalies.index(name)]
     if learned is None or learned.levels[0] is None:
         raise InputError(source, "has no nominal range of it", name)
-    wanted = _wanted_std(learned.levels[0], certainty)
+    # At this std a threshold midway between nominal and anomalous has this probability of being right.
+    between = learned.levels[0].severity_unit or learned.levels[0].reach
+    wanted = 0.5 * between / float(stats.norm.ppf(certainty))
     # Of the slope [N m s/rad]: dry friction is the level at this speed, well known, less the slope times the speed.
     std = wanted * (nominal.viscous_Nm_s_rad if name == "viscous" else nominal.dry_torque_Nm / speed)
     found = [_of_change(wheel, share * nominal.nominal_speed_rad_s, noise_Nm, std) for share in CHANGES]
     # Manoeuvres longer than a day are not practical.
     return [one for one in found if one.duration_s < SECONDS_PER_DAY and one.change_rad_s <= max(top - speed, speed)]
-
-
-def _wanted_std(levels: Levels, certainty: float) -> float:
-    """Return the std at which a threshold midway between nominal and anomalous has this probability of being right."""
-    between = levels.severity_unit or levels.reach
-    return 0.5 * between / float(stats.norm.ppf(certainty))
 
 
 def _of_change(wheel: Wheel, change_rad_s: float, noise_Nm: float, slope_std: float) -> Manoeuvre:

@@ -233,12 +233,12 @@ def from_stated_friction(system: SwitchingSystem) -> AnomalyModel | None:
         return None
     levels: list[Levels | None] = [None]
     for stated in system.friction[1:]:
-        if stated.middle <= 0:
-            levels.append(None)
-            continue
-        band = Band(low=stated.low, high=stated.high, soft=STATED_SOFT * stated.middle)
-        reach = STATED_REACH * stated.middle
-        levels.append(Levels(nominal=band, anomalous=None, stray=STATED_STRAY, reach=reach, median=None))
+        middle, level = stated.middle, None
+        if middle > 0:
+            band = Band(low=stated.low, high=stated.high, soft=STATED_SOFT * middle)
+            reach = STATED_REACH * middle
+            level = Levels(nominal=band, anomalous=None, stray=STATED_STRAY, reach=reach, median=None)
+        levels.append(level)
     return AnomalyModel(name=system.name, levels=tuple(levels), svm=None, rate=STATED_RATE)
 
 
@@ -250,12 +250,8 @@ def models_for(wheel: Wheel, model: Model | None) -> list[AnomalyModel | None]:
     """
     if model is None or wheel.nominal is None:
         return [None] * len(wheel.anomalies)
-    models: list[AnomalyModel | None] = [
-        model.anomaly("dry"),
-        with_wider_band(model.anomaly("viscous"), wheel.nominal.viscous_spread)
-        if wheel.nominal.viscous_Nm_s_rad > 0
-        else None,
-    ]
+    viscous = with_wider_band(model.anomaly("viscous"), wheel.nominal.viscous_spread)
+    models = [model.anomaly("dry"), viscous if wheel.nominal.viscous_Nm_s_rad > 0 else None]
     for system in wheel.fss:
         learned = model.anomaly(system.name)
         models.append(learned if learned and learned.serves(system) else from_stated_friction(system))

@@ -187,8 +187,8 @@ def find_trend(time_s: FloatArray, value: FloatArray, std: FloatArray) -> Trend 
     variance = _raised_for_gross_errors(at, hinges, y, (std / scale) ** 2)
     cells = [(0.0, 0.0), *((scatter, memory) for scatter in SCATTERS[1:] for memory in MEMORIES)]
     tested = int(np.count_nonzero(onsets <= at[-1 - LAST_TESTED]))
-    fits = [_fit(at, hinges, tested, y, variance, scatter, memory) for scatter, memory in cells]
-    log_likelihood = np.array([fit.log_likelihood for fit in fits])
+    fits = (_fit(at, hinges, tested, y, variance, scatter, memory) for scatter, memory in cells)
+    log_likelihood, mean, covariance, p_value = map(np.array, zip(*fits, strict=True))
     weight = np.exp(log_likelihood - log_likelihood.max())
     weight /= weight.sum()
     units = np.array([scale, scale / span_s])
@@ -197,15 +197,14 @@ def find_trend(time_s: FloatArray, value: FloatArray, std: FloatArray) -> Trend 
         span_s=span_s,
         weight=weight.ravel(),
         onset_s=np.tile(time_s[0] + span_s * onsets, len(cells)),
-        mean=np.concatenate([fit.mean for fit in fits]) * units + [middle, 0.0],
-        covariance=np.concatenate([fit.covariance for fit in fits]) * np.outer(units, units),
+        mean=mean.reshape(-1, 2) * units + [middle, 0.0],
+        covariance=covariance.reshape(-1, 2, 2) * np.outer(units, units),
     )
     now, _ = lines.at(time_s[-1:])
     slope = float(lines.weight @ lines.mean[:, 1])
-    of_cell = weight.sum(axis=1)
     return Trend(
         windows=at.size,
-        p_value=float(min(of_cell @ np.array([fit.p_value for fit in fits]), 1.0)),
+        p_value=float(min(weight.sum(axis=1) @ p_value, 1.0)),
         slope=slope,
         slope_std=float(np.sqrt(lines.weight @ (lines.covariance[:, 1, 1] + (lines.mean[:, 1] - slope) ** 2))),
         onset_s=_quantiles(time_s[0] + span_s * onsets, weight.sum(axis=0)),
@@ -260,15 +259,6 @@ def _weighted_line(h: FloatArray, y: FloatArray, weight: FloatArray) -> tuple[Fl
 # ---- lines under one size and memory of the scatter ------------------------------------------------------------------
 
 
-class _Fit(NamedTuple):
-    """All lines under one covariance: restricted log-likelihood, mean, covariance by onset; p-value of the test."""
-
-    log_likelihood: FloatArray  # (onsets,)
-    mean: FloatArray  # (onsets, 2)
-    covariance: FloatArray  # (onsets, 2, 2)
-    p_value: float
-
-
 def _fit(
     at: FloatArray,
     hinges: FloatArray,
@@ -277,8 +267,12 @@ def _fit(
     variance: FloatArray,
     scatter: float,
     memory: float,
-) -> _Fit:
-    """Fit a line for each onset by generalised least squares, and test the slopes of the first `tested`."""
+) -> tuple[FloatArray, FloatArray, FloatArray, float]:
+    """Fit a line for each onset by generalised least squares, and test the slopes of the first `tested`.
+
+    Returns restricted log-likelihoods, float64 (onsets,), means and covariances of level and slope, (onsets, 2) and
+    (onsets, 2, 2), and the p-value of the test.
+    """
     steps = np.abs(at[:, None] - at) / np.median(np.diff(at))
     covariance = np.diag(variance) + scatter**2 * memory**steps
     root = np.linalg.cholesky(covariance)
@@ -307,4 +301,4 @@ def _fit(
     length = float(np.arccos(np.clip((direction[:, 1:] * direction[:, :-1]).sum(axis=0), -1.0, 1.0)).sum())
     highest = float(np.abs(projection[:tested]).max())
     bound = 2.0 * special.ndtr(-highest) + length / np.pi * np.exp(-0.5 * highest**2)
-    return _Fit(log_likelihood, np.column_stack([mean_y - slope * mean_h, slope]), covariances, float(min(bound, 1.0)))
+    return log_likelihood, np.column_stack([mean_y - slope * mean_h, slope]), covariances, float(min(bound, 1.0))

@@ -28,7 +28,7 @@ _ACTION_MODEL_TOO = (
     " wheel file by it before that is ruled out."
 )
 CHECK_TELEMETRY: Final = "Check the telemetry link and the sensors before the wheel."
-WORTH_NAMING = 0.1  # probability from which another anomaly is named in addition to the one diagnosed
+WORTH_NAMING: Final = 0.1  # probability from which another anomaly is named in addition to the one diagnosed
 _NEVER_RESTED = (  # the words are those of the reference recordings
     "A switching system never rested in this window, so base dry friction and its own were told apart by learned"
     " ranges and earlier windows only."
@@ -39,9 +39,7 @@ def quantity(value: float | None, unit: str) -> str:
     """Write a value with three significant digits; torques with a prefix, as in `1.62 mN m`."""
     if value is None or not math.isfinite(value):
         return "unknown"
-    if unit != DRY_UNIT or value == 0:
-        return f"{value:.3g} {unit}"
-    for scale, prefix in ((1.0, ""), (1e3, "m"), (1e6, "µ")):
+    for scale, prefix in ((1.0, ""), (1e3, "m"), (1e6, "µ")) if unit == DRY_UNIT else ():
         if abs(value) * scale >= 0.1:
             return f"{value * scale:.3g} {prefix}{unit}"
     return f"{value:.3g} {unit}"
@@ -144,21 +142,17 @@ def verdict_of(findings: Findings) -> tuple[Verdict, str]:
     # Where the friction model lacks something, only informative estimates make an anomaly certain: the missing effect
     # makes base dry friction uncertain by its own size, and half of that distribution lies above any nominal range.
     # And a system that made no jump is not separable from the base, or, at rest, gives no information.
-    unsure = [one.unmoved or not (one.informative or adequate) for one in findings.anomalies]
-    certain = [
-        one
-        for one, uncertain in zip(findings.anomalies, unsure, strict=True)
-        if one.active and one.probability >= high and not uncertain
-    ]
+    unsure = {one.name for one in findings.anomalies if one.unmoved or not (one.informative or adequate)}
+    certain = [one for one in findings.anomalies if one.active and one.probability >= high and one.name not in unsure]
     if certain == [_exchanged(findings)]:
         parts = " and ".join(f"{title(one.name)} ({_estimate(one)}, {_nominal(one)})" for one in findings.anomalies[:2])
         return "inconclusive", _sentence(f"{parts} cannot be distinguished at these speeds: together they are nominal")
     if certain:
         return "anomalous", reason_anomalous(certain)
-    for one, uncertain in zip(findings.anomalies, unsure, strict=True):
+    for one in findings.anomalies:
         if _rested(one) or not one.known:
             continue
-        if low < one.probability and (one.probability < high or uncertain):
+        if low < one.probability and (one.probability < high or one.name in unsure):
             return "inconclusive", (
                 f"Whether {title(one.name)} is anomalous cannot be decided{lacking}: it is {_estimate(one)}"
                 f" ({_nominal(one)}), probability of an anomaly {percent(one.probability)}"
@@ -304,12 +298,11 @@ def _exchanged(findings: Findings) -> AnomalyDiagnosis | None:
     speed_rad_s = inputs.evidence.sums.mean[0] * inputs.wheel.speed_unit_rad_s
     found = None
     for high, lacking, lever in ((dry, viscous, speed_rad_s), (viscous, dry, 1.0 / max(speed_rad_s, 1e-9))):
-        bounds = (high.nominal_high, lacking.nominal_low, lacking.nominal_high)
-        if high.estimate is None or lacking.estimate is None or None in bounds or not high.active:
+        top, low_end, high_end = high.nominal_high, lacking.nominal_low, lacking.nominal_high
+        if high.estimate is None or lacking.estimate is None or top is None or low_end is None or high_end is None:
             continue
-        top, low_end, high_end = (float(bound or 0.0) for bound in bounds)
         # Below the range by its whole width: no healthy wheel has that.
-        lacks = lacking.estimate < low_end - (high_end - low_end)
+        lacks = high.active and lacking.estimate < low_end - (high_end - low_end)
         if lacks and high.estimate - (0.5 * (low_end + high_end) - lacking.estimate) * lever <= top:
             found = high
     return found

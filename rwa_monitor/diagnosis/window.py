@@ -72,9 +72,6 @@ class TemperatureUncertainty(NamedTuple):
         )
 
 
-NO_UNCERTAINTY: Final = TemperatureUncertainty()
-
-
 class Stages(NamedTuple):
     """Results of stages 2 and 3, whether the friction model fits, and the uncertainty due to the temperature.
 
@@ -88,7 +85,7 @@ class Stages(NamedTuple):
     features: Features
     measured: Features
     fits: Adequacy
-    of_temperature: TemperatureUncertainty = NO_UNCERTAINTY
+    of_temperature: TemperatureUncertainty = TemperatureUncertainty()
 
 
 def diagnose_window(
@@ -209,7 +206,7 @@ def temperature_uncertainty(
             reason = f"the bearing's temperature stands still at {heat.mean_degC:.3g} °C while friction does not"
         share = abs(viscous_per_K(wheel, heat.mean_degC)) * error_K
     if share == 0.0:
-        return NO_UNCERTAINTY
+        return TemperatureUncertainty()
     level = 0.0
     if not adequate:
         level = WITHIN_WINDOW * share * max(components.viscous, 0.0) * evidence.sums.mean[0]

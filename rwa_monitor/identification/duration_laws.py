@@ -22,13 +22,14 @@ Leaving out the cut ones would bias the durations downwards: the longest are cut
 """
 
 from collections.abc import Callable, Iterator, Sequence
+from itertools import chain
 from typing import Any, Final, NamedTuple
 
 import numpy as np
 from pydantic import BaseModel
 from scipy import special
 
-from rwa_monitor.samples import BoolArray, FloatArray, IntArray
+from rwa_monitor.samples import FloatArray, IntArray
 from rwa_monitor.switching.duration_likelihoods import broad_pmf
 from rwa_monitor.switching.jump_attribution import SIGMAS, Sojourn
 from rwa_monitor.wheel.durations import LONGEST, Geometric, Histogram, Lognormal, Uniform, Weibull
@@ -105,25 +106,18 @@ def learn_laws(sojourns: Sequence[Sequence[Sojourn]]) -> list[LearnedLaw]:
     """
     if not all(sojourns):
         raise ValueError("a configuration without a sojourn has no law to learn")
-    groups: dict[tuple[int, ...], _Group] = {}
-    weighted = []
-    for partition in _partitions(tuple(range(len(sojourns)))):
-        for group in partition:
-            if group not in groups:
-                groups[group] = _learn([one for q in group for one in sojourns[q]])
-        weighted.append((partition, sum(groups[group].log_evidence for group in partition)))
-    weights = special.softmax([evidence for _, evidence in weighted])
-    longest = max(one.slots for seen in sojourns for one in seen)
-    return [
-        _mixture(
-            [
-                (float(weight), next(groups[group] for group in partition if q in group))
-                for weight, (partition, _) in zip(weights, weighted, strict=True)
-            ],
-            FARTHEST * longest,
-        )
-        for q in range(len(sojourns))
-    ]
+    partitions = list(_partitions(tuple(range(len(sojourns)))))
+    groups = {
+        group: _learn([one for q in group for one in sojourns[q]]) for group in set(chain.from_iterable(partitions))
+    }
+    evidence = [sum(groups[group].log_evidence for group in partition) for partition in partitions]
+    weights = special.softmax(evidence).tolist()
+    farthest = FARTHEST * max(one.slots for seen in sojourns for one in seen)
+    laws = []
+    for q in range(len(sojourns)):
+        of_q = [next(groups[group] for group in partition if q in group) for partition in partitions]
+        laws.append(_mixture(list(zip(weights, of_q, strict=True)), farthest))
+    return laws
 
 
 def _partitions(items: tuple[int, ...]) -> Iterator[tuple[tuple[int, ...], ...]]:
@@ -251,21 +245,16 @@ def _mixture(parts: Sequence[tuple[float, _Group]], farthest: float) -> LearnedL
             likely = posterior * weight > NEGLIGIBLE
             if not likely.any():
                 continue
-            chosen = _subset(nodes, likely)
-            survival += weight * (posterior[likely] @ chosen.laws.survival(at))
+            parameters = {name: values[likely, 0] for name, values in nodes.laws if name != "law"}
+            survival += weight * (posterior[likely] @ _laws_at(type(nodes.laws), **parameters).survival(at))
             shares[f] += weight * float(posterior.sum())
-            log_mean += weight * float(posterior[likely] @ np.log(chosen.mean))
-            square += weight * float(posterior[likely] @ np.log(chosen.mean) ** 2)
+            log_means = np.log(nodes.mean[likely])
+            log_mean += weight * float(posterior[likely] @ log_means)
+            square += weight * float(posterior[likely] @ log_means**2)
     best = int(np.argmax(shares))
     law = _histogram(at, survival / survival[0])
     error = float(np.sqrt(max(square - log_mean**2, 0.0)))
     return LearnedLaw(law, list(FAMILIES)[best], float(shares[best]), law.mean(), error)
-
-
-def _subset(nodes: _Nodes, at: BoolArray) -> _Nodes:
-    """Return a family at some of its nodes."""
-    parameters = {name: values[at, 0] for name, values in nodes.laws if name != "law"}
-    return _Nodes(_laws_at(type(nodes.laws), **parameters), nodes.log_weight[at], nodes.mean[at])
 
 
 def _histogram(at: IntArray, survival: FloatArray) -> Histogram:

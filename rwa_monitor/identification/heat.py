@@ -113,16 +113,18 @@ def _law_of(problem: Problem, effect: type[MeanEffect], *, lags: bool) -> tuple[
     """
     (strength,) = (parameter.name for parameter in effect.strength_parameters())
     limits, reach = shape_limits(problem, effect), reach_between(problem, effect) if lags else {}
-    free = [one.name for one in effect.shape_parameters() if not one.choices or one.name in reach]
     usual = {one.name: one.default or 0.0 for one in effect.shape_parameters()}
-    bounds = [limits[name] for name in free]
+    bounds = {one.name: limits[one.name] for one in effect.shape_parameters() if not one.choices or one.name in reach}
     grids = [
         (low, low + reach[name]) if name in reach else np.linspace(low, high, GRID)
-        for name, (low, high) in zip(free, bounds, strict=True)
+        for name, (low, high) in bounds.items()
     ]
 
+    def shape(values: FloatArray) -> dict[str, float]:
+        return usual | dict(zip(bounds, values.tolist(), strict=True))
+
     def with_shape(values: FloatArray) -> Problem:
-        term = make_term(problem, effect, usual | dict(zip(free, values.tolist(), strict=True)), None)
+        term = make_term(problem, effect, shape(values), None)
         return replace(problem, speed=problem.speed + term.columns[:, 0])
 
     def refitted(values: FloatArray) -> tuple[float, FloatArray, Fit]:
@@ -139,13 +141,13 @@ def _law_of(problem: Problem, effect: type[MeanEffect], *, lags: bool) -> tuple[
             x = remove_levels(with_shape(values).speed, first)
             return float(z @ z - (x @ z) ** 2 / (x @ x)) / problem.noise.long_run_variance
 
+        ends = list(bounds.values())
         found = optimize.minimize(
-            residual_cost, best[1], bounds=bounds, method="Nelder-Mead", options={"fatol": SETTLED, "xatol": np.inf}
+            residual_cost, best[1], bounds=ends, method="Nelder-Mead", options={"fatol": SETTLED, "xatol": np.inf}
         )
         best = min(best, refitted(found.x), key=lambda one: one[0])
-    shape = usual | dict(zip(free, best[1].tolist(), strict=True))
-    law = effect(**{strength: max(float(best[2].coefficients[0]), 0.0), **shape})
-    return law, best[0] + problem.log_size * len(free)
+    law = effect(**{strength: max(float(best[2].coefficients[0]), 0.0), **shape(best[1])})
+    return law, best[0] + problem.log_size * len(bounds)
 
 
 def _with_law(records: Sequence[Record], start: Wheel, bare: Wheel, effect: MeanEffect) -> Heat:
@@ -157,9 +159,8 @@ def _with_law(records: Sequence[Record], start: Wheel, bare: Wheel, effect: Mean
         nominal = Nominal(dry_torque_Nm=1.0, viscous_Nm_s_rad=viscous, nominal_speed_rad_s=1.0)
         return start.model_copy(update={"effect": (*start.effect, to_block(scaled)), "nominal": nominal})
 
-    problem = make_problem(
-        [without_known_effects(record, wheel_of(effect.values[strength])) for record in records], bare
-    )
+    first = wheel_of(effect.values[strength])
+    problem = make_problem([without_known_effects(record, first) for record in records], bare)
     fitted = fit(problem)
     wheel = wheel_of(max(float(fitted.coefficients[0]), TINY))
     seen = temperature_range(records)
@@ -180,8 +181,7 @@ def _with_spread(plain: Heat, records: Sequence[Record], bare: Wheel) -> Heat:
     """Return the records with a viscous slope for each where slopes differ; unchanged where they do not."""
     if len(records) < FEWEST_RECORDINGS:
         return plain
-    each = [make_problem([record], bare) for record in records]
-    slopes = np.array([float(fit(one).coefficients[0]) for one in each])
+    slopes = np.array([float(fit(make_problem([record], bare)).coefficients[0]) for record in records])
     mean, count = float(slopes.mean()), len(records)
     # The spread of a few recordings is uncertain: widen it to the prediction interval of Student's t.
     few = float(stats.t.ppf(ONE_SIDED, count - 1) / stats.norm.ppf(ONE_SIDED) * np.sqrt(1.0 + 1.0 / count))

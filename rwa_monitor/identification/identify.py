@@ -9,7 +9,7 @@
 
 import math
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from itertools import pairwise
 from typing import Final, NamedTuple
 
@@ -111,7 +111,7 @@ def identify(recordings: Sequence[tuple[str, Samples]], start: Wheel, *, systems
         )
     records = _segments(problem, fitted.jumps, fitted.level + fitted.residual)
     base, base_std = _lowest_level(records)
-    drift = [note for note in (drift_in_words(problem, fitted.jumps, fitted.residual, base),) if note]
+    drift = drift_in_words(problem, fitted.jumps, fitted.residual, base)
     found: list[tuple[_System, Sequence[LearnedLaw]]] = []
     if systems:
         hours = slots * start.sample_period_s / SECONDS_PER_HOUR
@@ -119,15 +119,16 @@ def identify(recordings: Sequence[tuple[str, Samples]], start: Wheel, *, systems
             seen, (base, base_std) = _systems(records, base, hours)
             found = [(system, _laws_of(number, system, hours)) for number, system in enumerate(seen, start=1)]
         except InputError as error:
-            raise InputError(error.source, "; ".join((*drift, error.reason)), error.place) from error
+            raise InputError(error.source, "; ".join(filter(None, (drift, error.reason))), error.place) from error
     if base <= 0:
         raise InputError(names, why_negative(problem, fitted, bare, f"dry friction is negative ({base:.3g} N m)"))
     nominal_speed = rounded(float(np.quantile(problem.motion, 0.95)), 2)
     cause = cause_of(problem, fitted, bare)
-    check_enough(problem, base, viscous, names, cause)
+    dry_std, viscous_std = friction_errors(problem)
+    errors = {"base dry": dry_std / base, "viscous": viscous_std / max(viscous, TINY)}
+    check_enough(problem.size, errors, names, cause)
     blocks = [_block_of(f"fss_{number}", laws, system, base) for number, (system, laws) in enumerate(found, start=1)]
     notes = [_note(block.name, laws, system) for block, (system, laws) in zip(blocks, found, strict=True)]
-    dry_std, viscous_std = friction_errors(problem)
     dry_std = float(np.hypot(dry_std, base_std))
     wheel = bare.model_copy(
         update={
@@ -155,7 +156,7 @@ def identify(recordings: Sequence[tuple[str, Samples]], start: Wheel, *, systems
         f"noise {problem.noise.std:.3g} N m; the variance of a long mean is {inflation:.1f} times that of white noise",
     )
     asked = start.nominal and ask_speed_unit(ImpliedValue(viscous, viscous_std), start.nominal.viscous_Nm_s_rad)
-    warnings = [why for why in (*heat.notes, *drift, unnamed_jumps(problem, fitted.jumps, blocks), cause, asked) if why]
+    warnings = [why for why in (*heat.notes, drift, unnamed_jumps(problem, fitted.jumps, blocks), cause, asked) if why]
     return Learned(Wheel.from_tables(wheel.to_tables(), "learned wheel"), (*head, *notes, *warnings))
 
 
@@ -274,8 +275,8 @@ def _laws_of(number: int, system: _System, hours: float) -> Sequence[LearnedLaw]
     laws = learn_laws(system.visits)
     worst = max(law.error for law in laws)
     if worst > LARGEST_LAW_ERROR:
-        what = f"the laws of switching system {number}"
-        raise _too_little(what, system.visits, hours, (worst / LARGEST_LAW_ERROR) ** 2)
+        times = (worst / LARGEST_LAW_ERROR) ** 2
+        raise _too_little(f"the laws of switching system {number}", system.visits, hours, times)
     return laws
 
 
@@ -327,12 +328,7 @@ def _block_of(name: str, laws: Sequence[LearnedLaw], system: _System, base_Nm: f
         # Laplace's rule of succession: no transition is ruled out because it was not seen.
         middle = [rounded((sum(ways) + 1) / (len(ways) + 2), 4) for ways in system.ups[1:-1]]
         up = (1.0, *middle, 0.0)
-    return SwitchingSystem(
-        name=name,
-        durations=tuple(law.law for law in laws),
-        friction=tuple(ranges),
-        up=up,
-    )
+    return SwitchingSystem(name=name, durations=tuple(law.law for law in laws), friction=tuple(ranges), up=up)
 
 
 def _note(name: str, laws: Sequence[LearnedLaw], system: _System) -> str:
@@ -356,7 +352,7 @@ DRIFT_VISIBLE_AT: Final = 6.0  # standard deviations, above which a drift is sig
 MOST_SYSTEMS: Final = max(len(counts) for tier in TIERS for counts in tier)
 MAX_UNEXPLAINED: Final = 0.1  # share of segments that fit no system; more are not due to chance
 SURE_BY: Final = 3.0  # log-likelihood by which one description must exceed the next: odds of 20
-MOST_TIMES: Final = 10.0  # largest factor on the recordings that is asked for, where two descriptions hardly differ
+MOST_TIMES: Final = 10  # largest factor on the recordings that is asked for, where two descriptions hardly differ
 
 
 def friction_errors(problem: Problem) -> tuple[float, float]:
@@ -367,23 +363,21 @@ def friction_errors(problem: Problem) -> tuple[float, float]:
     return float(np.hypot(np.sqrt(variance / problem.size), mean * viscous_std)), viscous_std
 
 
-def check_enough(problem: Problem, base: float, viscous: float, names: str, cause: str | None) -> None:
+def check_enough(samples: int, errors: Mapping[str, float], names: str, cause: str | None) -> None:
     """Raise InputError where the nominal friction is too uncertain to distinguish a healthy wheel from a failing one.
 
-    The error asks for more data, or reports `cause` where more data would not help.
+    `errors`: relative ones, by kind of friction. The error raised asks for more data than these samples, or reports
+    `cause` where more data would not help.
     """
-    errors = dict(
-        zip(("base dry", "viscous"), np.array(friction_errors(problem)) / (base, max(viscous, TINY)), strict=True)
-    )
-    worst = max(errors, key=lambda name: errors[name])
-    if errors[worst] > LARGEST_ERROR:
+    worst, error = max(errors.items(), key=lambda one: one[1])
+    if error > LARGEST_ERROR:
         if cause is not None:
-            raise InputError(names, f"{worst} friction is uncertain by {100.0 * errors[worst]:.2g} %: {cause}")
+            raise InputError(names, f"{worst} friction is uncertain by {100.0 * error:.2g} %: {cause}")
         raise InputError(
             names,
-            f"too little data to learn a wheel: {problem.size} samples in motion leave {worst} friction uncertain by"
-            f" {100.0 * errors[worst]:.2g} % ({100.0 * LARGEST_ERROR:.2g} % at most); give about"
-            f" {int(np.ceil((errors[worst] / LARGEST_ERROR) ** 2))} times as many, or a wider range of speeds",
+            f"too little data to learn a wheel: {samples} samples in motion leave {worst} friction uncertain by"
+            f" {100.0 * error:.2g} % ({100.0 * LARGEST_ERROR:.2g} % at most); give about"
+            f" {int(np.ceil((error / LARGEST_ERROR) ** 2))} times as many, or a wider range of speeds",
         )
 
 
@@ -464,7 +458,7 @@ def check_distinguished(attribution: JumpAttribution, base: float, hours: float)
     for alternative, worse in attribution.alternatives:
         # An alternative that only adds systems is none: their gain is below the penalty of their parameters.
         if worse < SURE_BY and Counter(counts) - Counter(alternative):
-            times = int(np.ceil(SURE_BY / max(worse, SURE_BY / MOST_TIMES)))
+            times = min(int(np.ceil(SURE_BY / max(worse, TINY))), MOST_TIMES)
             raise InputError(
                 "identify",
                 f"the jumps may be of {_in_words(counts)}, or nearly as well of {_in_words(alternative)}"
@@ -500,14 +494,12 @@ def why_negative(problem: Problem, fitted: Fit, wheel: Wheel, finding: str) -> s
     finding
         The negative quantity, in words.
     """
-    if not problem.at_one_speed and float(np.mean(problem.z)) < 0:
+    if problem.at_one_speed:
+        return at_one_speed(problem, fitted)
+    if float(np.mean(problem.z)) < 0:
         return f"{finding}, and torque drives the rotation on the average: is the sign of speed or torque right?"
-    cause = cause_of(problem, fitted, wheel)
-    if cause is None:
-        cause = (
-            "drag falls with the speed; is the range of speeds small, or the bearing warmer while the wheel is fast?"
-        )
-    return cause if problem.at_one_speed else f"{finding}, and {cause}"
+    falls = "drag falls with the speed; is the range of speeds small, or the bearing warmer while the wheel is fast?"
+    return f"{finding}, and {cause_of(problem, fitted, wheel) or falls}"
 
 
 def cause_of(problem: Problem, fitted: Fit, wheel: Wheel) -> str | None:

@@ -171,13 +171,13 @@ def wheel_windows(recipe: str | Recipe, number: int, seed: int) -> Iterator[Labe
     if life == 1:
         yield LabelledWindow(wheel.name, wheel, scenario, record)
         return
-    samples, anomalies = wheel.window.samples, scenario.anomalies
+    samples = wheel.window.samples
     for window in range(life):
         piece = cut(record, window * samples, (window + 1) * samples, wheel)
         middle_s = np.array((window + 0.5) * samples * wheel.sample_period_s)
         factors = {name: float(scenario.factor_at(name, middle_s)) for name in wheel.anomalies}
-        labels = dict.fromkeys(wheel.anomalies, False)
-        labels |= {name: bool(anomaly.share_at(middle_s) >= LABEL_SHARE) for name, anomaly in anomalies.items()}
+        grown = {name for name, anomaly in scenario.anomalies.items() if anomaly.share_at(middle_s) >= LABEL_SHARE}
+        labels = {name: name in grown for name in wheel.anomalies}
         piece = replace(piece, truth=replace(piece.truth, labels=labels, factors=factors))
         yield LabelledWindow(f"{wheel.name}_{window:03d}", wheel, scenario, piece)
 
@@ -213,7 +213,11 @@ def scaled_wheel(wheel: Wheel, factor: float) -> Wheel:
 
 def _example_wheel(rng: Generator) -> Wheel:
     """Return a wheel with the systems of the paper's Examples 1 and 2, with a random rate of jumps."""
-    return scaled_wheel(built_in_wheel(), 1.0 / rng.uniform(*PAPER_JUMP_RATE))
+    return _with_random_rate(built_in_wheel(), rng)
+
+
+def _with_random_rate(wheel: Wheel, rng: Generator) -> Wheel:
+    return scaled_wheel(wheel, 1.0 / rng.uniform(*PAPER_JUMP_RATE))
 
 
 def _hard_wheel(rng: Generator) -> Wheel:
@@ -224,23 +228,21 @@ def _hard_wheel(rng: Generator) -> Wheel:
     sigma = wheel.noise.friction_std_Nm / wheel.nominal.dry_torque_Nm
     low, high = (sigma * jump for jump in HARD_JUMP_SIGMAS)
     middle = 0.5 * (low + high)
-    rest = FrictionRange(low=0.0, high=0.0)
+    rest, active = FrictionRange(low=0.0, high=0.0), FrictionRange(low=low, high=high)
     # The third configuration of fss_2 lies so that each of its steps is a jump of 3–6 σ, too.
-    ranges = (
-        (rest, FrictionRange(low=low, high=high)),
-        (rest, FrictionRange(low=low, high=middle), FrictionRange(low=middle + low, high=high + low)),
-        (rest, FrictionRange(low=low, high=high)),
+    steps = FrictionRange(low=low, high=middle), FrictionRange(low=middle + low, high=high + low)
+    slow = Uniform(low=10_000, high=30_000)
+    bursts = Weibull(shape=1.5, scale=20_000.0), Lognormal(mu=float(np.log(3_000.0)), sigma=0.5)
+    systems = (
+        SwitchingSystem(
+            name="fss_1",
+            durations=(Uniform(low=10_000, high=20_000), Uniform(low=200, high=1_000)),
+            friction=(rest, active),
+        ),
+        SwitchingSystem(name="fss_2", durations=(slow, slow, slow), friction=(rest, *steps)),
+        SwitchingSystem(name="fss_3", durations=bursts, friction=(rest, active)),
     )
-    durations: tuple[tuple[DurationLaw, ...], ...] = (
-        (Uniform(low=10_000, high=20_000), Uniform(low=200, high=1_000)),
-        (Uniform(low=10_000, high=30_000),) * 3,
-        (Weibull(shape=1.5, scale=20_000.0), Lognormal(mu=float(np.log(3_000.0)), sigma=0.5)),
-    )
-    systems = tuple(
-        SwitchingSystem(name=f"fss_{number}", durations=laws, friction=friction)
-        for number, (laws, friction) in enumerate(zip(durations, ranges, strict=True), start=1)
-    )
-    return scaled_wheel(wheel.model_copy(update={"fss": systems}), 1.0 / rng.uniform(*PAPER_JUMP_RATE))
+    return _with_random_rate(wheel.model_copy(update={"fss": systems}), rng)
 
 
 def _heated_wheel(rng: Generator) -> Wheel:
@@ -261,14 +263,23 @@ def _heated_wheel(rng: Generator) -> Wheel:
 # ---- scenarios -------------------------------------------------------------------------------------------------------
 
 
-def _base(rng: Generator) -> Base:
-    """Draw a healthy wheel's friction as factors on its averages."""
+def _life(
+    wheel: Wheel,
+    windows: int,
+    kinds: tuple[ProfileKind, ...],
+    rng: Generator,
+    drift_per_sqrt_h: tuple[float, float] | None = None,
+    **more: Any,
+) -> Scenario:
+    """Return the scenario of a wheel in its healthy scatter, with one of the motions, and a drift within a range."""
     dry, viscous = np.clip(rng.standard_normal(2), -BASE_CUT, BASE_CUT)
-    return Base(dry=1.0 + BASE_DRY_STD * dry, viscous=1.0 + BASE_VISCOUS_STD * viscous)
-
-
-def _motion(kinds: tuple[ProfileKind, ...], rng: Generator) -> SpeedProfile:
-    return SpeedProfile(kind=kinds[rng.integers(len(kinds))])
+    drift = rng.uniform(*drift_per_sqrt_h) if drift_per_sqrt_h else 0.0
+    return Scenario(
+        duration_s=windows * wheel.window_s,
+        base=Base(dry=1.0 + BASE_DRY_STD * dry, viscous=1.0 + BASE_VISCOUS_STD * viscous, dry_drift_per_sqrt_h=drift),
+        speed=SpeedProfile(kind=kinds[rng.integers(len(kinds))]),
+        **more,
+    )
 
 
 def _one_status(severities: Mapping[str, float], wheel: Wheel, number: int) -> dict[str, Anomaly]:
@@ -281,13 +292,8 @@ def _one_anomaly(severities: Mapping[str, float], **more: Any) -> DrawScenario:
     """Return the scenario of a wheel with at most one anomaly, in one direction of rotation or in both."""
 
     def scenario(wheel: Wheel, number: int, windows: int, rng: Generator) -> Scenario:
-        return Scenario(
-            duration_s=windows * wheel.window_s,
-            base=_base(rng),
-            speed=_motion(("orbit", "one_direction"), rng),
-            anomalies=_one_status(severities, wheel, number),
-            **more,
-        )
+        anomalies = _one_status(severities, wheel, number)
+        return _life(wheel, windows, ("orbit", "one_direction"), rng, anomalies=anomalies, **more)
 
     return scenario
 
@@ -303,20 +309,19 @@ def _fleet(wheel: Wheel, number: int, windows: int, rng: Generator) -> Scenario:
     return scenario.model_copy(update={"anomalies": growing})
 
 
-def _hard(wheel: Wheel, number: int, windows: int, rng: Generator) -> Scenario:
+def _hard(wheel: Wheel, number: int, windows: int, rng: Generator) -> Scenario:  # noqa: ARG001
     """Return any combination of anomalies, with autocorrelated noise, zero crossings and gaps."""
-    del number
     active = rng.random(len(wheel.anomalies)) < HARD_ANOMALY_SHARE
-    gaps = _gaps(wheel, windows, rng)
-    return Scenario(
-        duration_s=windows * wheel.window_s,
-        base=_base(rng),
-        speed=_motion(("orbit", "crossings", "rich"), rng),
+    return _life(
+        wheel,
+        windows,
+        ("orbit", "crossings", "rich"),
+        rng,
+        fault=_gaps(wheel, windows, rng),
         anomalies={
             name: Anomaly(factor=HARD_SEVERITIES[name]) for name, on in zip(wheel.anomalies, active, strict=True) if on
         },
         noise=FrictionNoise(law="ar1"),
-        fault=gaps,
     )
 
 
@@ -343,22 +348,22 @@ def _flown(wheel: Wheel, number: int, windows: int, rng: Generator) -> Scenario:
     correlation_time_s = float(np.exp(rng.uniform(*np.log(FLOWN_CORRELATION_TIME_S))))
     spread = rng.uniform(*FLOWN_SPREAD) - 1.0
     current_A = 2.0 * (wheel.limits.max_current_A or 0.0) * 2.0 ** -float(rng.integers(*FLOWN_BITS, endpoint=True))
-    return Scenario(
-        duration_s=windows * wheel.window_s,
-        base=_base(rng).model_copy(update={"dry_drift_per_sqrt_h": rng.uniform(*FLOWN_DRIFT_PER_SQRT_H)}),
-        speed=_motion(("orbit", "one_direction", "crossings", "rich"), rng),
+    scenario = _life(
+        wheel,
+        windows,
+        ("orbit", "one_direction", "crossings", "rich"),
+        rng,
+        drift_per_sqrt_h=FLOWN_DRIFT_PER_SQRT_H,
         anomalies=_one_status(excess, wheel, number),
         noise=FrictionNoise(law="ar1", ar_coefficient=float(np.exp(-wheel.sample_period_s / correlation_time_s))),
-        effect=(
-            EffectBlock(name="heavy_tailed_noise", parameters={"degrees_of_freedom": rng.uniform(*FLOWN_TAILS)}),
-            EffectBlock(
-                name="speed_dependent_noise",
-                parameters={"strength_s_rad": spread / wheel.nominal.nominal_speed_rad_s},
-            ),
-        ),
         sensors=Sensors(friction_quantum_Nm=current_A * (wheel.torque_constant_Nm_A or 0.0)),
-        fault=_gaps(wheel, windows, rng),
     )
+    growth_s_rad = spread / wheel.nominal.nominal_speed_rad_s
+    effects = (
+        EffectBlock(name="heavy_tailed_noise", parameters={"degrees_of_freedom": rng.uniform(*FLOWN_TAILS)}),
+        EffectBlock(name="speed_dependent_noise", parameters={"strength_s_rad": growth_s_rad}),
+    )
+    return scenario.model_copy(update={"effect": effects, "fault": _gaps(wheel, windows, rng)})
 
 
 RECIPES: Final[Mapping[str, Recipe]] = {
@@ -396,29 +401,17 @@ def truth_document(window: LabelledWindow) -> dict[str, Any]:
         (means over the window), fss: {name: {start_index, configuration, friction_Nm}} (one entry per sojourn),
         effect_rms_Nm: {name: RMS}}, and `scenario` as in its file.
     """
-    truth = window.telemetry.truth
-    names = list(truth.configuration)
-    jumps = truth.changepoints
-    changepoints = [
-        {
-            "index": int(index),
-            "fss": names[system],
-            "jump_Nm": float(jump),
-            "information": float(information) if np.isfinite(information) else None,  # None: without noise
-            "visible": bool(visible),
-        }
-        for index, system, jump, information, visible in zip(
-            jumps.index, jumps.system, jumps.jump_Nm, jumps.information, jumps.visible, strict=True
-        )
-    ]
+    truth, jumps = window.telemetry.truth, window.telemetry.truth.changepoints
     systems = {}
-    for number, name in enumerate(names):
+    for number, (name, configuration) in enumerate(truth.configuration.items()):
         starts = np.concatenate([[0], jumps.index[jumps.system == number]]).astype(np.int64)
         systems[name] = {
             "start_index": starts.tolist(),
-            "configuration": truth.configuration[name][starts].tolist(),
+            "configuration": configuration[starts].tolist(),
             "friction_Nm": truth.fss_friction_Nm[name][starts].tolist(),
         }
+    names = list(systems)
+    columns = (jumps.index, jumps.system, jumps.jump_Nm, jumps.information, jumps.visible)
     return {
         "record": window.name,
         "wheel": window.wheel.name,
@@ -428,7 +421,16 @@ def truth_document(window: LabelledWindow) -> dict[str, Any]:
         "slots": int(truth.used.size),
         "used": int(truth.used.sum()),
         "noise_std_Nm": truth.noise_std_Nm,
-        "changepoints": changepoints,
+        "changepoints": [
+            {
+                "index": index,
+                "fss": names[system],
+                "jump_Nm": jump,
+                "information": information if np.isfinite(information) else None,  # None: without noise
+                "visible": visible,
+            }
+            for index, system, jump, information, visible in zip(*(c.tolist() for c in columns), strict=True)
+        ],
         "components": {
             "base_dry_Nm": float(np.mean(truth.base_dry_Nm)),
             "viscous_Nm_s_rad": float(np.mean(truth.viscous_Nm_s_rad)),

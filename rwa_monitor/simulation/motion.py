@@ -82,7 +82,7 @@ def simulate_motion(profile: SpeedProfile, wheel: Wheel, slots: int, rng: Genera
     wheel
         Gives the nominal speed, the sample period and the limits that the motion respects.
     slots
-        Length of the record [slots].
+        Length of the record [slots], at least 2.
     rng
         Source of all randomness.
 
@@ -150,7 +150,7 @@ class _Plan:
 
     def __init__(self, time: FloatArray, fastest: float) -> None:
         self.time = time
-        self.duration = float(time[-1]) if time.size else 0.0
+        self.period, self.duration = float(time[1]), float(time[-1])
         self.fastest = fastest  # largest planned acceleration [1/s]
         self.speed = np.zeros(time.size)
         self.acceleration = np.zeros(time.size)
@@ -165,8 +165,8 @@ class _Plan:
     def add_move(self, change: float, start_s: float, duration_s: float) -> None:
         """Change the speed by `change` from `start_s` on, by a trapezoid of acceleration with smooth flanks."""
         duration = max(duration_s, abs(change) / (self.fastest * (1.0 - ROUNDED)))
-        period = float(self.time[1]) if self.time.size > 1 else 1.0
-        first, last = (int(np.clip(np.ceil(at / period), 0, self.time.size)) for at in (start_s, start_s + duration))
+        ends = (start_s, start_s + duration)
+        first, last = (int(np.clip(np.ceil(at / self.period), 0, self.time.size)) for at in ends)
         share = np.clip((self.time[first:last] - start_s) / duration, 0.0, 1.0)
         acceleration, progress = _rounded_trapezoid(share)
         self.speed[first:last] += change * progress
@@ -183,11 +183,8 @@ class _Plan:
 
     def shrink_to(self, limit: float) -> None:
         """Scale the whole motion down if its speed exceeds `limit`, or the sum of its parts accelerates too fast."""
-        excess = max(
-            1.0,
-            float(np.max(np.abs(self.speed), initial=0.0)) / limit,
-            float(np.max(np.abs(self.acceleration), initial=0.0)) / self.fastest,
-        )
+        fastest, steepest = (float(np.max(np.abs(part))) for part in (self.speed, self.acceleration))
+        excess = max(1.0, fastest / limit, steepest / self.fastest)
         self.speed /= excess
         self.acceleration /= excess
 
@@ -227,7 +224,7 @@ def _crossings(plan: _Plan, profile: SpeedProfile, rng: Generator) -> None:
     """Add an oscillation about zero of 1.2 to 2.2 periods in the record: two to five simple crossings."""
     swing = profile.scale * rng.uniform(0.6, 0.9)
     plan.speed += swing * rng.uniform(-0.2, 0.2)
-    plan.add_tone(swing, max(plan.duration, 1e-9) / rng.uniform(1.2, 2.2), rng.uniform(0, 2 * np.pi))
+    plan.add_tone(swing, plan.duration / rng.uniform(1.2, 2.2), rng.uniform(0, 2 * np.pi))
     plan.add_activity(profile.activity, rng)
 
 

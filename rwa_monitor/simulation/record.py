@@ -22,7 +22,7 @@ from rwa_monitor.simulation.scenario import Scenario, Temperature
 from rwa_monitor.wheel import torque_balance
 from rwa_monitor.wheel.effects.base import Channels, Effect, MeanEffect, NoiseEffect
 from rwa_monitor.wheel.effects.catalogue import build
-from rwa_monitor.wheel.effects.switching_base import Jumps, SwitchingEffect
+from rwa_monitor.wheel.effects.switching_base import JumpClock, Jumps, SwitchingEffect
 from rwa_monitor.wheel.switching_systems import Realisation, simulate_system
 from rwa_monitor.wheel.wheel import Wheel
 
@@ -147,8 +147,7 @@ def with_information(
     used_before = np.concatenate([[0], np.cumsum(used)])
     between = np.diff(used_before[np.concatenate([[0], places, [used.size]])]).astype(np.float64)
     left, right = between[:-1], between[1:]
-    samples = np.divide(left * right, left + right, out=np.zeros(places.size), where=left * right > 0.0)
-
+    samples = left * right / np.maximum(left + right, 1.0)
     at = np.searchsorted(places, index[real])
     information = np.zeros(index.size)
     with np.errstate(divide="ignore", invalid="ignore"):  # without noise, each jump between samples is visible
@@ -174,16 +173,10 @@ def cut(telemetry: Telemetry, start: int, stop: int, wheel: Wheel) -> Telemetry:
     piece = {field.name: of_piece(getattr(truth, field.name)) for field in fields(Truth)}
     jumps = truth.changepoints
     inside = (jumps.index > start) & (jumps.index < stop)
-    piece["changepoints"] = with_information(
-        jumps.index[inside] - start,
-        jumps.system[inside],
-        jumps.jump_Nm[inside],
-        truth.used[start:stop],
-        truth.long_run_std_Nm,
-    )
-    origin = int(telemetry.samples.time_ns[0])
-    first, last = origin + start * wheel.period_ns, origin + stop * wheel.period_ns
-    rows = slice(*np.searchsorted(telemetry.samples.time_ns, [first, last]))
+    index, system, jump_Nm = jumps.index[inside] - start, jumps.system[inside], jumps.jump_Nm[inside]
+    piece["changepoints"] = with_information(index, system, jump_Nm, piece["used"], truth.long_run_std_Nm)
+    time_ns = telemetry.samples.time_ns
+    rows = slice(*np.searchsorted(time_ns, time_ns[0] + np.array([start, stop]) * wheel.period_ns))
     return Telemetry(telemetry.samples[rows], Truth(**piece))
 
 
@@ -224,8 +217,8 @@ def simulate(scenario: Scenario, wheel: Wheel, rng: Generator) -> Telemetry:
     streams = _Streams(*rng.spawn(len(_Streams._fields)))
     motion = simulate_motion(scenario.speed, wheel, slots, streams.motion)
     parts = _friction_parts(scenario, wheel, motion, streams)
-    noise = _friction_noise(scenario, wheel, parts, streams)
-    torque = parts.friction + noise.values  # y: the friction that exact sensors of speed and current give
+    noise, noise_std, long_run_std = _friction_noise(scenario, wheel, parts, streams)
+    torque = parts.friction + noise  # y: the friction that exact sensors of speed and current give
     motor = _motor_torque(wheel, torque, motion)
     samples = _measure(scenario, wheel, parts, torque, motor, streams.sensors)
     samples, faulty, missing = _apply_faults(scenario, wheel, samples, streams.faults)
@@ -237,7 +230,7 @@ def simulate(scenario: Scenario, wheel: Wheel, rng: Generator) -> Telemetry:
         acceleration_rad_s2=motion.acceleration_rad_s2,
         bearing_temperature_degC=parts.temperature,
         friction_torque_Nm=parts.friction,
-        noise_Nm=noise.values,
+        noise_Nm=noise,
         motor_torque_Nm=motor,
         base_dry_Nm=parts.base_dry,
         viscous_Nm_s_rad=parts.viscous,
@@ -246,9 +239,9 @@ def simulate(scenario: Scenario, wheel: Wheel, rng: Generator) -> Telemetry:
         effect_torque_Nm=parts.effect_torque,
         used=used,
         faulty=faulty,
-        changepoints=true_changepoints(list(parts.systems.values()), used, wheel.torque_unit_Nm, noise.long_run_std_Nm),
-        noise_std_Nm=noise.std_Nm,
-        long_run_std_Nm=noise.long_run_std_Nm,
+        changepoints=true_changepoints(list(parts.systems.values()), used, wheel.torque_unit_Nm, long_run_std),
+        noise_std_Nm=noise_std,
+        long_run_std_Nm=long_run_std,
         labels={name: factor != 1.0 for name, factor in factors.items()},
         factors=factors,
     )
@@ -282,22 +275,18 @@ class _Parts(NamedTuple):
     friction: FloatArray
 
 
-class _Noise(NamedTuple):
-    values: FloatArray
-    std_Nm: float
-    long_run_std_Nm: float
-
-
 def _friction_parts(scenario: Scenario, wheel: Wheel, motion: Motion, streams: _Streams) -> _Parts:
     """Return the sum of base dry and viscous friction, switching systems and effects, with its components."""
     assert wheel.nominal is not None
-    slots = motion.speed_rad_s.size
+    nominal_dry, nominal_viscous = wheel.nominal.dry_torque_Nm, wheel.nominal.viscous_Nm_s_rad
+    speed, slots = motion.speed_rad_s, motion.speed_rad_s.size
     time = np.arange(slots, dtype=np.float64) * wheel.sample_period_s
-    speed = motion.speed_rad_s
     direction = np.sign(speed)
-    dry = wheel.nominal.dry_torque_Nm * scenario.base.dry * scenario.factor_at("dry", time)
-    dry += wheel.nominal.dry_torque_Nm * _drift(scenario, wheel, slots, streams.drift)
-    viscous = wheel.nominal.viscous_Nm_s_rad * scenario.base.viscous * scenario.factor_at("viscous", time)
+    dry = nominal_dry * scenario.base.dry * scenario.factor_at("dry", time)
+    if (drift := scenario.base.dry_drift_per_sqrt_h) > 0.0:
+        step = drift * np.sqrt(wheel.sample_period_s / SECONDS_PER_HOUR)
+        dry += nominal_dry * np.cumsum(step * streams.drift.standard_normal(slots))
+    viscous = nominal_viscous * scenario.base.viscous * scenario.factor_at("viscous", time)
     # Heat of the base friction only: switching systems may depend on the temperature, so it must not depend on them.
     power = np.abs(speed) * (dry + viscous * np.abs(speed))
     temperature = bearing_temperature(time, power, streams.temperature, scenario.temperature)
@@ -316,53 +305,43 @@ def _friction_parts(scenario: Scenario, wheel: Wheel, motion: Motion, streams: _
     systems = _systems(scenario, wheel, channels, switching, streams)
     level = dry.copy()
     for realisation in systems.values():
-        level += wheel.nominal.dry_torque_Nm * realisation.friction
+        level += nominal_dry * realisation.friction
     friction = direction * level + viscous * speed
 
     effect_torque: dict[str, FloatArray] = {}
-    jumps = _jumps_of(systems, wheel.nominal.dry_torque_Nm)
+    jumps = _jumps_of(systems, nominal_dry)
     for effect in switching:
         torque = effect.torque(channels, jumps)
         if torque.any():
             effect_torque[effect.name] = torque
             friction = friction + torque
     channels = replace(channels, motor_torque_Nm=_motor_torque(wheel, friction, motion), dry_level_Nm=level)
-    acting = _acting(scenario, effects)
-    nominal = wheel.nominal.viscous_Nm_s_rad
-    share = viscous / nominal if nominal > 0.0 else np.ones(slots)
-    coupled = couple([effect for effect in acting if isinstance(effect, MeanEffect)], channels, share)
+    acting = [effect for effect in _acting(scenario, effects) if isinstance(effect, MeanEffect)]
+    coupled = couple(acting, channels, viscous / nominal_viscous if nominal_viscous > 0.0 else 1.0)
     for torque in coupled.values():
         friction = friction + torque
     return _Parts(channels, temperature, dry, viscous, systems, effects, {**effect_torque, **coupled}, friction)
-
-
-def _drift(scenario: Scenario, wheel: Wheel, slots: int, rng: Generator) -> FloatArray:
-    """Return the random walk of base dry friction, relative to its average, float64 (n,)."""
-    step = scenario.base.dry_drift_per_sqrt_h * np.sqrt(wheel.sample_period_s / SECONDS_PER_HOUR)
-    return np.cumsum(step * rng.standard_normal(slots)) if step > 0.0 else np.zeros(slots)
 
 
 def _systems(
     scenario: Scenario, wheel: Wheel, channels: Channels, effects: list[SwitchingEffect], streams: _Streams
 ) -> dict[str, Realisation]:
     """Simulate the wheel's switching systems as changed by the switching effects, and the levels that effects add."""
-    clock = next((clock for effect in effects if (clock := effect.clock(channels)) is not None), None)
-    slots = len(channels) if clock is None else clock.slots
+    clocks = [clock for effect in effects if (clock := effect.clock(channels)) is not None]
+    clock = clocks[0] if clocks else JumpClock(np.arange(len(channels)))
     systems: dict[str, Realisation] = {}
     for system, stream in zip(wheel.fss, streams.systems.spawn(len(wheel.fss)), strict=True):
         for effect in effects:
             system = effect.change_system(system)
 
         def factor(slot: int, name: str = system.name) -> float:
-            slot_in_record = slot if clock is None else clock.slot_in_record(slot)
-            return float(scenario.factor_at(name, np.array(slot_in_record * wheel.sample_period_s)))
+            return float(scenario.factor_at(name, np.array(clock.slot_in_record(slot) * wheel.sample_period_s)))
 
-        realisation = simulate_system(system, slots, stream, factor)
-        systems[system.name] = realisation if clock is None else clock.read(realisation)
+        systems[system.name] = clock.read(simulate_system(system, clock.slots, stream, factor))
     for effect, stream in zip(effects, streams.extra_systems.spawn(len(effects)), strict=True):
         level = effect.extra_level(channels, stream)
-        jump_index = (np.flatnonzero(np.diff(level)) + 1).astype(np.int64)
         if level.any():
+            jump_index = (np.flatnonzero(np.diff(level)) + 1).astype(np.int64)
             # A level whose rest is zero: configuration 1 where it is not zero.
             configuration = (level != 0.0).astype(np.int64)
             systems[effect.name] = Realisation(configuration, level / wheel.torque_unit_Nm, jump_index)
@@ -427,8 +406,10 @@ def couple(
     return named
 
 
-def _friction_noise(scenario: Scenario, wheel: Wheel, parts: _Parts, streams: _Streams) -> _Noise:
-    """Draw the noise of the friction torque.
+def _friction_noise(
+    scenario: Scenario, wheel: Wheel, parts: _Parts, streams: _Streams
+) -> tuple[FloatArray, float, float]:
+    """Draw the noise of the friction torque; return it with its standard deviation, and that of a long mean [N m].
 
     Where friction is given, the wheel's noise includes all errors of its estimate. Where it is not, speed and current
     have their own noise, and the friction itself has noise only if the scenario states it, or has a noise effect.
@@ -444,7 +425,7 @@ def _friction_noise(scenario: Scenario, wheel: Wheel, parts: _Parts, streams: _S
     if shaping:
         std, long_run = float(np.std(values)), _long_run_std(values)
     if scenario.friction_given:
-        return _Noise(values, std, long_run)
+        return values, std, long_run
     sensors = scenario.sensors.for_wheel(wheel)
     speed = np.hypot(sensors["speed_noise_rad_s"], sensors["speed_quantum_rad_s"] * QUANTUM_STD)
     true = parts.channels.speed_rad_s
@@ -453,7 +434,7 @@ def _friction_noise(scenario: Scenario, wheel: Wheel, parts: _Parts, streams: _S
             speed = np.std(tachometer.read_speed(true) - true)
     current = np.hypot(sensors["current_noise_A"], sensors["current_quantum_A"] * QUANTUM_STD)
     derived = torque_balance.derived_noise_variance(wheel, float(speed), float(current))
-    return _Noise(values, math.sqrt(std**2 + derived), math.sqrt(long_run**2 + derived))
+    return values, math.sqrt(std**2 + derived), math.sqrt(long_run**2 + derived)
 
 
 def _acting(scenario: Scenario, effects: Sequence[Effect]) -> list[Effect]:
@@ -510,9 +491,8 @@ def _measure(
     if scenario.channels is None:
         channels.pop("motor_torque_Nm", None)
     else:
-        for name in scenario.channels:
-            if name not in channels:
-                raise InputError("scenario", f"{name} is not given, or the wheel lacks constants for it", "channels")
+        if name := next((one for one in scenario.channels if one not in channels), ""):
+            raise InputError("scenario", f"{name} is not given, or the wheel lacks constants for it", "channels")
         channels = {name: channels[name] for name in ("speed_rad_s", *scenario.channels)}
     time_ns = scenario.start_ns + np.arange(true.size, dtype=np.int64) * wheel.period_ns
     return Samples(time_ns=time_ns, **channels)

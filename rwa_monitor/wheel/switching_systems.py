@@ -50,8 +50,7 @@ def jumping_chain_law(system: SwitchingSystem) -> FloatArray:
     Transitions go to adjacent configurations, so π balances pair by pair: π_q·up_q = π_{q+1}·(1 − up_{q+1}).
     """
     up = np.array([system.probability_up(q) for q in range(system.configurations)])
-    weight = np.zeros(system.configurations)
-    weight[0] = 1.0
+    weight = np.eye(system.configurations)[0]
     for q in range(system.configurations - 1):
         down = 1.0 - up[q + 1]
         if down == 0.0:
@@ -60,8 +59,7 @@ def jumping_chain_law(system: SwitchingSystem) -> FloatArray:
             weight[q + 1] = 1.0
         else:
             weight[q + 1] = weight[q] * up[q] / down
-    law: FloatArray = weight / weight.sum()
-    return law
+    return np.asarray(weight / weight.sum())
 
 
 @lru_cache(maxsize=256)
@@ -73,8 +71,7 @@ def jump_rate(system: SwitchingSystem) -> float:
 def time_law(system: SwitchingSystem) -> FloatArray:
     """Return the stationary law of the configuration at a random moment, float64 (Q,): ∝ π_q·μ_q (errata 9)."""
     weight = jumping_chain_law(system) * np.array([law.mean() for law in system.durations])
-    share: FloatArray = weight / weight.sum()
-    return share
+    return np.asarray(weight / weight.sum())
 
 
 def residual_duration(law: DurationLaw, rng: Generator, limit: int) -> int:
@@ -118,21 +115,18 @@ def simulate_system(
     InputError
         If the system has no friction ranges, without which it cannot be simulated.
     """
-    if system.friction is None:
-        raise InputError(
-            f"fss {system.name}", "is missing; a system without friction ranges cannot be simulated", "friction"
-        )
+    if (ranges := system.friction) is None:
+        problem = "is missing; a system without friction ranges cannot be simulated"
+        raise InputError(f"fss {system.name}", problem, "friction")
     factor_at = friction_factor if callable(friction_factor) else lambda _slot: friction_factor
-    configuration = np.empty(slots, dtype=np.int64)
-    friction = np.empty(slots)
-    starts = []
-    start = 0
+    configuration, friction = np.empty(slots, dtype=np.int64), np.empty(slots)
+    starts, start = [], 0
     q = int(rng.choice(system.configurations, p=time_law(system)))
     duration = residual_duration(system.durations[q], rng, slots)
     while True:
         sojourn = slice(start, min(start + duration, slots))
         configuration[sojourn] = q
-        friction[sojourn] = factor_at(start) * rng.uniform(system.friction[q].low, system.friction[q].high)
+        friction[sojourn] = factor_at(start) * rng.uniform(ranges[q].low, ranges[q].high)
         starts.append(start)
         start += duration
         if start >= slots:

@@ -226,18 +226,16 @@ def rounding_error(speed_rad_s: FloatArray, motor_torque_Nm: FloatArray, wheel: 
     InputError
         If the wheel has no inertia.
     """
-    period_s = wheel.sample_period_s
-    taps = derivative_taps(wheel.friction.derivative, period_s)
-    half = taps.size // 2
+    taps = derivative_taps(wheel.friction.derivative, wheel.sample_period_s)
+    half, inertia = taps.size // 2, inertia_of(wheel)
     narrow = half < WIDE_HALF
-    weights = weights_between(wheel)
     error = np.zeros(speed_rad_s.size)
     kernels.rounding_error(
         speed_rad_s,
         motor_torque_Nm,
-        weights,
-        period_s / inertia_of(wheel),
-        inertia_of(wheel) * float(np.sqrt(taps @ taps)),
+        weights_between(wheel),
+        wheel.sample_period_s / inertia,
+        inertia * float(np.sqrt(taps @ taps)),
         LEAST_ERROR * wheel.nominal.dry_torque_Nm if wheel.nominal else np.nan,
         LEAST_ERROR,
         max(half, FEWEST_AROUND),

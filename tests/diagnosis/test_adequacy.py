@@ -2,13 +2,10 @@
 
 import numpy as np
 import pytest
-from scipy import signal
 
 from benchmarks.adequacy.trials import MEAN_EFFECTS, MOTIONS, diagnose_recipe, hide_and_diagnose
-from rwa_monitor.diagnosis.adequacy import Blocks, persistence
 from rwa_monitor.diagnosis.model import built_in_model
 from rwa_monitor.monitor.core import diagnose_samples
-from rwa_monitor.samples import FloatArray
 from rwa_monitor.simulation.motion import ProfileKind, SpeedProfile
 from rwa_monitor.simulation.record import simulate
 from rwa_monitor.simulation.scenario import Anomaly, FrictionNoise, Scenario, Sensors
@@ -62,58 +59,6 @@ def test_a_missing_effect_of_half_a_sigma_is_seen_in_the_first_window(name: str,
 def test_what_only_one_effect_does_is_called_by_its_name(name: str) -> None:
     (diagnosis,) = hide_and_diagnose(name, "rich", seed=56, windows=1).windows
     assert diagnosis.suspected_effect == name
-
-
-# ---- persistence -----------------------------------------------------------------------------------------------------
-
-SIZE = 16
-
-
-def blocks_of(noise: FloatArray, intervals: int = 10) -> Blocks:
-    """Blocks of a window whose residuals are this noise, less the level of each of the intervals."""
-    means = noise.reshape(-1, SIZE).mean(axis=1)
-    interval = np.arange(means.size) * intervals // means.size
-    level = np.bincount(interval, means) / np.bincount(interval)
-    return Blocks(
-        size=SIZE,
-        n=np.full(means.size, float(SIZE)),
-        x=np.ones(means.size),
-        friction=means,
-        residual=means - level[interval],
-        interval=interval,
-        usable=np.ones(means.size, dtype=np.bool_),
-        intervals=intervals,
-    )
-
-
-@pytest.mark.parametrize("coefficient", [0.0, 0.5, 0.8])
-def test_noise_does_not_persist(coefficient: float) -> None:
-    """Seven lags: the mean of 40 windows is 7 within four standard errors √(2·7/40), whatever the AR(1) memory."""
-    rng = np.random.default_rng(5)
-    values = []
-    for _ in range(40):
-        noise = signal.lfilter([1.0], [1.0, -coefficient], rng.standard_normal(80_000))
-        significance, _ = persistence(blocks_of(noise), coefficient)
-        values.append(significance)
-    # The interval that adds most is left out, of ten: a little less than 7 is right.
-    assert 7.0 * 0.8 - 4.0 * np.sqrt(14.0 / 40.0) < np.mean(values) < 7.0 + 4.0 * np.sqrt(14.0 / 40.0)
-
-
-@pytest.mark.parametrize("period", [200, 320, 2000])
-def test_what_swings_under_the_noise_persists(period: int) -> None:
-    rng = np.random.default_rng(6)
-    swing = 0.3 * np.sqrt(2.0) * np.sin(2 * np.pi * np.arange(80_000) / period)
-    significance, size = persistence(blocks_of(swing + rng.standard_normal(80_000)), 0.0)
-    assert significance > 1000.0
-    assert size == pytest.approx(0.3, rel=0.15)  # the block's mean takes some of it, the interval's level some
-
-
-def test_one_bad_interval_is_left_out() -> None:
-    rng = np.random.default_rng(7)
-    noise = rng.standard_normal(80_000)
-    noise[8_000:12_000] += 3.0  # half of the second interval: a sojourn that was missed
-    significance, _ = persistence(blocks_of(noise), 0.0)
-    assert significance < 40.0  # χ² with 7 degrees of freedom: 1 in a million
 
 
 # ---- where the model lacks an effect, a healthy wheel is not called failing, and a failing one  ----------------------

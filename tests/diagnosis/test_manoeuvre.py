@@ -41,9 +41,6 @@ def change_of_speed(one: Manoeuvre) -> FloatArray:
 def verdict(seed: int, name: Friction, *, failing: bool, change: FloatArray | float) -> tuple[str, float]:
     """Return the verdict of a window at one speed but for a change, and the probability of the anomaly."""
     learned = MODEL.anomaly(name)
-    assert learned is not None
-    assert learned.levels[0] is not None
-    assert learned.levels[0].median is not None
     anomalies = {name: Anomaly(factor=learned.levels[0].median)} if failing else {}
     profile = SpeedProfile(kind="constant", direction=1, scale=SPEED / WHEEL.speed_unit_rad_s)
     scenario = Scenario(speed=profile, duration_s=WINDOW * WHEEL.sample_period_s, anomalies=anomalies)
@@ -80,7 +77,6 @@ def test_a_window_at_one_speed_names_the_command() -> None:
 
 @given(certainty=st.floats(0.6, 0.99), more=st.floats(1.0, 3.0))
 def test_more_certainty_and_more_noise_take_longer(certainty: float, more: float) -> None:
-    assert WHEEL.noise.friction_std_Nm is not None
     noisier = WHEEL.model_copy(update={"noise": Noise(friction_std_Nm=more * WHEEL.noise.friction_std_Nm)})
     plain = {one.change_rad_s: one for one in deciding_manoeuvres(WHEEL, MODEL, "viscous", certainty, SPEED)}
     for one in deciding_manoeuvres(noisier, MODEL, "viscous", certainty, SPEED):
@@ -97,7 +93,6 @@ def test_larger_changes_are_held_shorter_but_for_a_block_of_samples() -> None:
 
 def test_where_the_wheel_cannot_run_faster_it_is_slowed_down_and_beyond_its_limit_it_is_refused() -> None:
     top = WHEEL.limits.max_speed_rad_s
-    assert top is not None
     assert all(one.change_rad_s <= 0.9 * top for one in deciding_manoeuvres(WHEEL, MODEL, "dry", 0.95, -0.9 * top))
     slow = deciding_manoeuvres(WHEEL, MODEL, "dry", 0.95, 0.5 * top)
     assert max(one.change_rad_s for one in slow) <= 0.5 * top

@@ -25,10 +25,6 @@ from rwa_monitor.wheel.durations import Geometric, Histogram, Lognormal, Uniform
 from rwa_monitor.wheel.wheel import Wheel, built_in_wheel
 
 
-def means(recipe, count):
-    return list(generate(recipe, count, 17))
-
-
 def test_paper_has_26_changepoints_plus_minus_10_in_either_direction():
     """150 windows: the mean's spread is 10/√150 = 0.8, that of the standard deviation 0.6; bounds are three of them."""
     truths = [window.telemetry.truth for window in generate("paper", 150, 23)]
@@ -41,7 +37,7 @@ def test_paper_has_26_changepoints_plus_minus_10_in_either_direction():
 
 def test_paper_and_mild_have_the_papers_noise_and_statuses():
     for recipe, severities in (("paper", PAPER_SEVERITIES), ("mild", MILD_SEVERITIES)):
-        windows = means(recipe, 10)
+        windows = list(generate(recipe, 10, 17))
         assert {window.status for window in windows} == {"nominal", *severities}
         directions = set()
         for window in windows:
@@ -58,19 +54,16 @@ def test_paper_and_mild_have_the_papers_noise_and_statuses():
 
 
 def test_each_wheel_has_its_own_laws_and_its_file_states_them():
-    windows = means("paper", 8)
-    factors = set()
-    for window in windows:
-        assert Wheel.from_toml(window.wheel.to_toml(), "wheel.toml") == window.wheel
-        factor = window.wheel.fss[1].durations[0].low / built_in_wheel().fss[1].durations[0].low
-        assert 1 / PAPER_JUMP_RATE[1] - 1e-3 < factor < 1 / PAPER_JUMP_RATE[0] + 1e-3
-        factors.add(factor)
+    windows = list(generate("paper", 8, 17))
+    assert all(Wheel.from_toml(window.wheel.to_toml(), "wheel.toml") == window.wheel for window in windows)
+    factors = {window.wheel.fss[1].durations[0].low / built_in_wheel().fss[1].durations[0].low for window in windows}
     assert len(factors) == 8
+    assert 1 / PAPER_JUMP_RATE[1] - 1e-3 < min(factors) < max(factors) < 1 / PAPER_JUMP_RATE[0] + 1e-3
 
 
 def test_hard_is_hard():
     statuses = set()
-    for window in means("hard", 24):
+    for window in generate("hard", 24, 17):
         statuses.add(window.status)
         truth, wheel = window.telemetry.truth, window.wheel
         assert len(wheel.fss) == 3
@@ -87,7 +80,7 @@ def test_hard_is_hard():
 
 
 def test_derived_has_no_friction_but_all_it_takes():
-    for window in means("derived", 3):
+    for window in generate("derived", 3, 17):
         samples = window.telemetry.samples
         assert samples.friction_torque_Nm is None
         error = samples.speed_rad_s - window.telemetry.truth.speed_rad_s
@@ -122,7 +115,7 @@ def test_a_record_depends_on_seed_and_number_only():
 
 def test_flown_is_as_measured():
     spreads, tails = [], []
-    for window in means("flown", 20):
+    for window in generate("flown", 20, 17):
         truth, wheel, scenario = window.telemetry.truth, window.wheel, window.scenario
         slots = np.flatnonzero(truth.used)
         quantum = scenario.sensors.friction_quantum_Nm
@@ -195,4 +188,3 @@ def test_every_window_of_a_hard_life_has_its_gaps():
     for window in generate(replace(RECIPES["hard"], windows=3), 3, 6):
         assert window.telemetry.truth.faulty.any()
         assert len(window.telemetry.samples) < 80_000
-        assert len(window.labels) == 5

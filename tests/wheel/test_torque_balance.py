@@ -13,7 +13,12 @@ from rwa_monitor.wheel.wheel import Derivative, FrictionFilter, Wheel, built_in_
 PERIOD = 0.125
 GOLAY = Derivative(method="savitzky_golay", window_s=2.0)
 CENTRAL = Derivative(method="central")
+SPEED_STD = 0.01
 derivatives = pytest.mark.parametrize("derivative", [GOLAY, CENTRAL], ids=["savitzky_golay", "central"])
+
+
+def filtered(derivative):
+    return built_in_wheel().model_copy(update={"friction": FrictionFilter(derivative=derivative)})
 
 
 def test_friction_resists_positive_rotation():
@@ -69,7 +74,7 @@ def test_over_gaps_it_is_the_slope_of_a_parabola_through_what_is_left(seed, shar
 def test_the_cut_of_a_record_changes_no_bit(seed, cut, derivative):
     rng = np.random.default_rng(seed)
     speed, motor = rng.normal(size=200) * 100, rng.normal(size=200)
-    wheel = built_in_wheel().model_copy(update={"friction": FrictionFilter(derivative=derivative)})
+    wheel = filtered(derivative)
     half = tb.half_width(derivative, PERIOD)
     whole = tb.derive_friction(speed, motor, wheel)
     first = tb.derive_friction(speed[: cut + half], motor[: cut + half], wheel)[:cut]
@@ -85,7 +90,7 @@ def test_records_shorter_than_the_stencil_have_no_derivative():
 
 @derivatives
 def test_noise_variance_is_that_of_simulated_noise(derivative):
-    wheel = built_in_wheel().model_copy(update={"friction": FrictionFilter(derivative=derivative)})
+    wheel = filtered(derivative)
     rng = np.random.default_rng(8)
     speed_std, current_std, n = 0.01, 2e-4, 400_000
     noise = tb.derive_friction(
@@ -108,7 +113,6 @@ def test_what_the_wheel_lacks_is_named():
 
 # ---- where the speed bends -------------------------------------------------------------------------------------------
 
-SPEED_STD = 0.01
 SLEWS = built_in_wheel()  # with the filter GOLAY
 
 
@@ -196,7 +200,7 @@ def test_a_bend_as_long_as_the_filter_is_taken_out_although_no_single_current_sh
 @pytest.mark.parametrize("ramp", [0.3, 2.0, 5.5])
 def test_a_filter_of_few_slots_masks_bends_and_hardly_anything_else(window_s, ramp):
     """The torque of a slew begins and ends between samples, over some slots; the wheel passes zero in steady slews."""
-    wheel = SLEWS.model_copy(update={"friction": FrictionFilter(derivative=Derivative(window_s=window_s))})
+    wheel = filtered(Derivative(window_s=window_s))
     rng, slots, fine = np.random.default_rng(3), 12_000, 20
     steps = np.arange(200, slots, 400) + rng.uniform(0.0, 1.0, 30)
     command = np.zeros(slots * fine)
@@ -223,14 +227,14 @@ def test_a_filter_of_few_slots_masks_bends_and_hardly_anything_else(window_s, ra
 @given(st.integers(1_000, 11_000))
 @settings(max_examples=20, deadline=None)
 def test_the_error_does_not_depend_on_where_a_record_is_cut(window_s, cut):
-    wheel = SLEWS.model_copy(update={"friction": FrictionFilter(derivative=Derivative(window_s=window_s))})
+    wheel = filtered(Derivative(window_s=window_s))
     speed, motor, _, _ = slews(4, 5e-3)
     speed[3_000:3_003] = np.nan
     motor[np.random.default_rng(5).random(motor.size) < 0.01] = np.nan
     before, after = tb.slots_around(wheel)
-    parts = [tb.rounding_error(speed[: cut + after], motor[: cut + after], wheel)[:cut]]
-    parts.append(tb.rounding_error(speed[cut - before :], motor[cut - before :], wheel)[before:])
-    assert np.array_equal(np.concatenate(parts), tb.rounding_error(speed, motor, wheel), equal_nan=True)
+    first = tb.rounding_error(speed[: cut + after], motor[: cut + after], wheel)[:cut]
+    rest = tb.rounding_error(speed[cut - before :], motor[cut - before :], wheel)[before:]
+    assert np.array_equal(np.concatenate([first, rest]), tb.rounding_error(speed, motor, wheel), equal_nan=True)
 
 
 @given(

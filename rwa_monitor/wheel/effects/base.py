@@ -101,11 +101,9 @@ class Channels:
         A feature narrower than a few of these falls between samples.
         """
         change = np.abs(np.diff(self.speed_rad_s))
-        finite = np.isfinite(change)
-        near = finite & (np.abs(self.speed_rad_s[1:]) < NEAR_ZERO * self.used_speed_rad_s.max())
-        moving = change[near & (change > 0)]
-        if not moving.size:
-            moving = change[finite & (change > 0)]
+        changes = change > 0  # not where either is NaN
+        near = np.abs(self.speed_rad_s[1:]) < NEAR_ZERO * self.used_speed_rad_s.max()
+        moving = change[near & changes] if (near & changes).any() else change[changes]
         return float(np.median(moving)) if moving.size else 0.0
 
     def known(self, values: FloatArray) -> FloatArray:
@@ -235,12 +233,10 @@ class Effect:
 
     def __init__(self, **values: float) -> None:
         known = {parameter.name: parameter for parameter in self.parameters}
-        defaults = {name: parameter.default for name, parameter in known.items() if parameter.default is not None}
-        values = {**defaults, **values}
+        values = {name: one.default for name, one in known.items() if one.default is not None} | values
         for name in *sorted(values.keys() - known.keys()), *sorted(known.keys() - values.keys()):
             hint = did_you_mean(name, known) or f"; it has {', '.join(known) or 'none'}"
-            problem = "is missing" if name in known else f"is unknown{hint}"
-            raise InputError(f"effect {self.name}", problem, name)
+            raise InputError(f"effect {self.name}", "is missing" if name in known else f"is unknown{hint}", name)
         for name, value in values.items():
             parameter = known[name]
             if not (np.isfinite(value) and parameter.low <= value <= parameter.high):

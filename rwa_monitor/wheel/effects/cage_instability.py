@@ -72,6 +72,8 @@ class CageInstability(NoiseEffect):
 
         The residual may still hold levels. The gain is that of the noise alone, over noise that follows the speed.
         """
+        from scipy import stats
+
         usable = usable_residuals(residual_Nm, channels, good) & (channels.direction != 0)
         count = int(usable.sum())
         nothing = cls.nothing_found(count), np.zeros(residual_Nm.size, dtype=np.bool_)
@@ -80,11 +82,7 @@ class CageInstability(NoiseEffect):
             return nothing
         gain, noise, on = found
         drag = _drag_of_bursts(residual_Nm * channels.direction, usable, on)
-        if drag.size < FEWEST_BURSTS:
-            return nothing
-        from scipy import stats
-
-        if stats.wilcoxon(drag, alternative="greater").pvalue > DRAG_BY_CHANCE:
+        if drag.size < FEWEST_BURSTS or stats.wilcoxon(drag, alternative="greater").pvalue > DRAG_BY_CHANCE:
             return nothing  # noise without drag is no cage instability
         middle = max(float(np.median(drag)), 0.0)
         spread = MEDIAN_TO_STD * float(np.median(np.abs(drag - middle)))
@@ -202,28 +200,30 @@ def _scale_by_speed(difference: FloatArray, speed: FloatArray, pairs: BoolArray)
         if values.size >= FEWEST_IN_BIN:
             limit = CLIP_AT * float(np.median(np.abs(values))) / 0.6745
             scale[i] = np.sqrt(np.mean(np.clip(values, -limit, limit) ** 2))
-    known = np.flatnonzero(scale > 0)
-    if known.size == 0:
+    known = scale > 0
+    if not known.any():
         return None
     middle = 0.5 * (edges[1:] + edges[:-1])
     return np.exp(np.interp(speed, middle[known], np.log(scale[known])))
 
 
 def _fit(squares: FloatArray, speed: FloatArray, pairs: BoolArray) -> tuple[float, dict[str, float], BoolArray]:
+    from scipy import optimize
+
     count = int(np.count_nonzero(pairs))
     probability = np.zeros(squares.size)
     low, span = float(speed[pairs].min()), float(np.ptp(speed[pairs]))
-    widest = WIDEST_BAND * span
+
+    def half_width(x: FloatArray) -> float:
+        return float(min(abs(x[7]), WIDEST_BAND * span))
 
     def loss(x: FloatArray) -> float:
-        inside = np.abs(speed - x[6]) < min(abs(x[7]), widest)
+        inside = np.abs(speed - x[6]) < half_width(x)
         freedom, (on, off) = _freedom(x[0]), _rates(x)
         shaking = x[2] + float(np.exp(x[3]))
         scaled = squares * np.exp(-2.0 * x[1])
         log_likelihood = forward(scaled, inside, x[2], shaking, freedom, on, off, probability)
         return float(count * (x[1] - _constant(freedom)) - log_likelihood)
-
-    from scipy import optimize
 
     stay = float(np.log(FIRST_STAY - SHORTEST_STAY))
 
@@ -231,28 +231,28 @@ def _fit(squares: FloatArray, speed: FloatArray, pairs: BoolArray) -> tuple[floa
         return loss(np.array([*x, 0.0, 0.0, stay, stay, low, 0.0]))
 
     none = optimize.minimize(without_band, [1.5, 0.0], method="Nelder-Mead", options={"xatol": 1e-2, "fatol": 0.1})
-    tries = [
-        np.array([none.x[0], none.x[1], quiet, np.log(shaking - quiet), stay, stay, low + at * span, half * span])
-        for half in HALF_WIDTHS
-        for at in np.linspace(0.0, 1.0, 1 + round(1.0 / half))
-        for quiet, shaking in FIRST_SCALES
-    ]
     # The best start of each width: a few bursts in a narrow band may fit better than the first guess in the true one.
-    starts = [min((x for x in tries if x[7] == half * span), key=loss) for half in HALF_WIDTHS]
-    best = _refined(loss, min((_refined(loss, start, FIRST_EVALUATIONS) for start in starts), key=loss))
+    starts = []
+    for half in HALF_WIDTHS:
+        tries = [
+            np.array([none.x[0], none.x[1], quiet, np.log(shaking - quiet), stay, stay, low + at * span, half * span])
+            for at in np.linspace(0.0, 1.0, 1 + round(1.0 / half))
+            for quiet, shaking in FIRST_SCALES
+        ]
+        starts.append(_refined(loss, min(tries, key=loss), FIRST_EVALUATIONS))
+    best = _refined(loss, min(starts, key=loss))
     best = min(best, _refined(loss, _with_other_edges(loss, best, low, span)), key=loss)
     gain = float(none.fun) - loss(best)
     on, off = _rates(best)
     smooth(probability, on, off)
-    half_width = float(min(abs(best[7]), widest))
     values = {
         "noise_strength": float(np.exp(np.exp(best[3]))) - 1.0,
         "band_speed_rad_s": float(best[6]),
-        "band_half_width_rad_s": half_width,
+        "band_half_width_rad_s": half_width(best),
         "burst_s": 1.0 / off,
         "quiet_s": 1.0 / on,
     }
-    return max(gain, 0.0), values, (np.abs(speed - best[6]) < half_width) & (probability > 0.5)
+    return max(gain, 0.0), values, (np.abs(speed - best[6]) < half_width(best)) & (probability > 0.5)
 
 
 def _refined(loss: Callable[[FloatArray], float], start: FloatArray, evaluations: int = MOST_EVALUATIONS) -> FloatArray:

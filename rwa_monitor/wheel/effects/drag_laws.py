@@ -1,5 +1,6 @@
 """Drag beyond the base law: near zero, as a power of the speed, saturating, by load or by temperature."""
 
+from collections.abc import Callable
 from typing import ClassVar, Final
 
 import numpy as np
@@ -81,6 +82,7 @@ REFERENCE_K: Final = zero_Celsius + ORIGIN_degC  # [K] where ν = ν₀: it shif
 SEASON_K: Final = 15.0  # [K] to either side over a year in orbit; a working assumption
 LEAST_K: Final = 0.5  # [K] within a record: less is the resolution of a housekeeping sensor, and shows no lag
 LAG_REACH_S: Final = 300.0  # [s] from the start of a round of fitting; several rounds follow each other
+ACTIVATION_REACH_K: Final = 3000.0  # [K] from the start of a round of fitting; several rounds follow each other
 
 
 def temperature_varies(channels: Channels) -> bool:
@@ -88,11 +90,12 @@ def temperature_varies(channels: Channels) -> bool:
     return bool(np.ptp(channels.known(channels.optional("bearing_temperature_degC"))) > LEAST_K)
 
 
-def _lag_reach(channels: Channels) -> float:
-    return LAG_REACH_S if temperature_varies(channels) else 0.0
+def _reach(reach: float) -> Callable[[Channels], float]:
+    """Return a function that gives this reach where the temperature varies, else zero."""
+    return lambda channels: reach if temperature_varies(channels) else 0.0
 
 
-SENSOR_LAG: Final = Parameter("sensor_lag_s", "s", 0.0, 7200.0, 0.0, False, (0.0,), 0.0, _lag_reach)
+SENSOR_LAG: Final = Parameter("sensor_lag_s", "s", 0.0, 7200.0, 0.0, False, (0.0,), 0.0, _reach(LAG_REACH_S))
 
 
 def lagged_temperature(channels: Channels, shape: Shape, memory: Memory) -> tuple[FloatArray, Memory]:
@@ -251,13 +254,6 @@ class SaturatingDrag(MeanEffect):
         return ratio / (1.0 + np.abs(ratio) ** bend) ** (1.0 / bend)
 
 
-ACTIVATION_REACH_K: Final = 3000.0  # [K] from the start of a round of fitting; several rounds follow each other
-
-
-def _activation_reach(channels: Channels) -> float:
-    return ACTIVATION_REACH_K if temperature_varies(channels) else 0.0
-
-
 class SublinearViscous(MeanEffect):
     """Drag that grows as a power of the speed below one.
 
@@ -300,7 +296,7 @@ class SublinearViscous(MeanEffect):
     parameters = (
         Parameter("strength_Nm", "N m", 0.0, np.inf, 1.0e-4, linear=True),
         Parameter("exponent", "-", 0.3, 0.9, 2.0 / 3.0),
-        Parameter("activation_temperature_K", "K", 0.0, 8000.0, 0.0, False, (0.0,), 0.0, _activation_reach),
+        Parameter("activation_temperature_K", "K", 0.0, 8000.0, 0.0, False, (0.0,), 0.0, _reach(ACTIVATION_REACH_K)),
     )
 
     @classmethod

@@ -192,7 +192,6 @@ CARRIERS: Final = {
     "even": Carrier("", "N m", "_Nm", lambda channels: np.ones(len(channels))),
 }
 RANGED: Final = ("scale", "centre", "width")  # roles whose identifiable range the variable's range in a record limits
-TWICE: Final = ("viscous*power(speed)",)  # left out: equals dry*power(speed) with another exponent
 
 
 class Formula(MeanEffect):
@@ -303,10 +302,9 @@ def _latex(text: str) -> str:
     return text
 
 
-_LAWS = [(c, f, v) for v, variable in VARIABLES.items() for f in variable.functions for c in CARRIERS]
-FORMULAS: Final = {
-    structure.law: structure for structure in (_structure(*law) for law in _LAWS) if structure.law not in TWICE
-}
+_STRUCTURES = (_structure(c, f, v) for v, variable in VARIABLES.items() for f in variable.functions for c in CARRIERS)
+FORMULAS: Final = {structure.law: structure for structure in _STRUCTURES}
+del FORMULAS["viscous*power(speed)"]  # equals dry*power(speed) with another exponent
 Formula.choice_deviance = 2.0 * float(np.log(len(FORMULAS)))
 
 

@@ -199,11 +199,12 @@ class SpeedTriggeredJumps(SwitchingEffect):
         """Fit λ ∝ exp(c·x) to the sojourns where jumps were attributed, else to the positions of all jumps."""
         known = evidence.good & np.isfinite(covariate)
         everywhere = covariate[known]
-        if len(evidence.jumps) < FEWEST_SOJOURNS or everywhere.size < 2 or everywhere.max() == everywhere.min():
-            return cls.nothing_found(len(evidence.jumps))
-        low, span = float(everywhere.min()), float(everywhere.max() - everywhere.min())
+        nothing = cls.nothing_found(len(evidence.jumps))
+        if len(evidence.jumps) < FEWEST_SOJOURNS or everywhere.size < 2 or np.ptp(everywhere) == 0.0:
+            return nothing
+        low, span = float(everywhere.min()), float(np.ptp(everywhere))
         if np.corrcoef(everywhere, np.flatnonzero(known))[0, 1] ** 2 > MOST_TREND:
-            return cls.nothing_found(len(evidence.jumps))  # cannot be distinguished from a rate that changes with time
+            return nothing  # cannot be distinguished from a rate that changes with time
         # From 0 to 1 over its range; where it is not known, the mean is taken.
         x = np.where(known, (covariate - low) / span, float((everywhere.mean() - low) / span))
         gain = _sojourn_gain(evidence, x) if evidence.sojourns else _place_gain(evidence, x)
@@ -215,7 +216,7 @@ class SpeedTriggeredJumps(SwitchingEffect):
         (bounds,) = [(p.low, p.high) for p in cls.parameters if p.name == name]
         return LikelihoodFit(
             {**cls().values, name: float(np.clip(c / span, *bounds))},
-            cls.nothing_found().std | {name: curvature_std(_place_gain(evidence, x), c, 0.05) / span},
+            nothing.std | {name: curvature_std(_place_gain(evidence, x), c, 0.05) / span},
             max(gain(c), 0.0),
             1,
             len(evidence.jumps),
@@ -299,7 +300,7 @@ class WrongDurationLaw(SwitchingEffect):
         bounds = [(float(np.log(p.low)), float(np.log(p.high))) for p in cls.parameters]
 
         def gain(x: FloatArray) -> float:
-            factor, shape = float(np.exp(x[0])), float(np.exp(x[1]))
+            factor, shape = np.exp(x).tolist()
             total = 0.0
             for q, mean in enumerate(means):
                 at = sojourns.slots[sojourns.configuration == q]

@@ -177,7 +177,7 @@ class SwitchingEffect(Effect):
         return system
 
     def clock(self, channels: Channels) -> JumpClock | None:
-        """Return the clock on which the switching systems run, None for the record's own."""
+        """Return the clock on which the switching systems run; None for the record's own."""
         return None
 
     def extra_level(self, channels: Channels, rng: np.random.Generator) -> FloatArray:

@@ -122,10 +122,10 @@ class TorqueRipple(MeanEffect):
     def plainer_shape(cls, shape: Shape) -> dict[str, float] | None:
         """Return twice the order, which is the order where only the double harmonic is present."""
         double = 2.0 * shape["harmonic"]
-        return {"harmonic": double} if double <= MAX_HARMONIC else None
+        return {"harmonic": double} if double <= ORDERS[-1] else None
 
 
 def coherent_slots(harmonic: float, speed_noise_rad_s: float, sample_period_s: float) -> int:
     """Return the slots after which white noise of the speed makes the phase of a harmonic drift by one radian (std)."""
-    step = harmonic * speed_noise_rad_s * sample_period_s
-    return int(min(1.0 / step**2, np.iinfo(np.int32).max)) if step > 0 else int(np.iinfo(np.int32).max)
+    step, most = harmonic * speed_noise_rad_s * sample_period_s, int(np.iinfo(np.int32).max)
+    return int(min(1.0 / step**2, most)) if step > 0 else most

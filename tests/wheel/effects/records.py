@@ -39,13 +39,11 @@ def rich_motion(slots: int, period_s: float = PERIOD_S, top_speed_rad_s: float =
 
 def channels_of(speed: FloatArray, period_s: float = PERIOD_S, **others: FloatArray | None) -> Channels:
     """Return the channels of a speed that was measured in every slot [rad/s]; those not given are zero or absent."""
-    absent = ("motor_torque_Nm", "bearing_temperature_degC", "dry_level_Nm")
     channels = {
         "direction": np.sign(speed),
         "acceleration_rad_s2": np.zeros(speed.size),
         "angle_rad": np.zeros(speed.size),
         "good": np.ones(speed.size, dtype=np.bool_),
-        **dict.fromkeys(absent),
         **others,
     }
     return Channels(time_s=np.arange(speed.size) * period_s, speed_rad_s=speed, sample_period_s=period_s, **channels)

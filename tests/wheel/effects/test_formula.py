@@ -32,10 +32,6 @@ DIMENSION = {"rad/s": (1, -1), "rad/s²": (1, -2), "s": (0, 1), "-": (0, 0), "K"
 BY_UNIT = ("power", "hinge")  # of the speed: the column is a power of the speed in its unit
 
 
-def shape_of(law: type[Formula]) -> dict[str, float]:
-    return law.typical().shape
-
-
 def in_units(channels: Channels, angle: float, time: float) -> Channels:
     """Return the channels with numbers as in units of angle and time that are so many times smaller."""
     return replace(
@@ -54,7 +50,7 @@ def test_other_units_with_the_constants_in_them_give_the_same_torque(
 ) -> None:
     if law.variable == "angle":
         angle = 1.0  # a radian is what an order counts
-    channels, shape = rich_motion(256), shape_of(law)
+    channels, shape = rich_motion(256), law.typical().shape
     units = {parameter.name: DIMENSION[parameter.unit] for parameter in law.shape_parameters()}
     other = {name: value * angle ** units[name][0] * time ** units[name][1] for name, value in shape.items()}
     columns = law.columns(in_units(channels, angle, time), other)[0]
@@ -67,7 +63,7 @@ def test_other_units_with_the_constants_in_them_give_the_same_torque(
 
 @every_law
 def test_its_columns_and_names(law: type[Formula]) -> None:
-    whole, _ = law.columns(rich_motion(1024), shape_of(law))
+    whole, _ = law.columns(rich_motion(1024), law.typical().shape)
     assert whole.shape == (1024, len(law.strength_parameters()))
     assert np.abs(whole).max() > 0
     strength, *shapes = law.parameters
@@ -123,7 +119,7 @@ def test_bounds_lie_inside_the_range_of_the_record(law: type[Formula], top: floa
             assert channels.bearing_temperature_degC.min() < low < high < channels.bearing_temperature_degC.max()
         if parameter.unit == "K":
             assert high <= max(np.ptp(channels.bearing_temperature_degC), channels.bearing_temperature_degC.max() - 20)
-        columns = law.columns(channels, {**shape_of(law), name: low})[0]
+        columns = law.columns(channels, {**law.typical().shape, name: low})[0]
         assert np.isfinite(columns).all()
 
 
@@ -158,7 +154,7 @@ def test_a_scale_is_no_smaller_than_the_slowest_speed() -> None:
 @pytest.mark.parametrize("law", ["dry*tanh(speed)", "viscous*lorentz(speed)", "even*bump(speed)"])
 def test_the_profile_finds_structure_and_constants(law: str) -> None:
     truth = FORMULAS[law]
-    shape = {**shape_of(truth)}
+    shape = truth.typical().shape
     strength = {"dry": 4e-4, "viscous": 2e-5, "even": 4e-4}[truth.carrier]
 
     def hidden(speed: Array, level: Array) -> Array:

@@ -18,10 +18,6 @@ every_mean_effect = pytest.mark.parametrize("effect", ALL, ids=lambda effect: ef
 every_column = pytest.mark.parametrize("effect", [*ALL, *FORMULAS.values()], ids=lambda effect: effect.name)
 
 
-def typical_shape(effect: type[MeanEffect]) -> dict[str, float]:
-    return effect.typical().shape
-
-
 @every_mean_effect
 def test_a_strength_at_the_end_of_its_range_is_no_finding(effect: type[MeanEffect]) -> None:
     friction = 4.8e-4, 5.333e-6  # dry [N m], viscous [N m s/rad]
@@ -58,7 +54,7 @@ def test_friction_runs_in_over_an_hour_or_longer() -> None:
 def test_a_record_in_pieces_gives_the_same_bits(effect: type[MeanEffect], seed: int) -> None:
     rng = np.random.default_rng(seed)
     channels = with_gaps(rich_motion(64 * 40, seed=seed), rng)
-    shape = typical_shape(effect)
+    shape = effect.typical().shape
     whole, last = effect.columns(channels, shape)
     cuts = [0, *sorted(64 * rng.choice(np.arange(1, 40), size=7, replace=False)), len(channels)]
     parts, memory = [], None
@@ -84,7 +80,7 @@ def with_gaps(channels: Channels, rng: np.random.Generator) -> Channels:
 @every_mean_effect
 def test_a_gap_hides_its_own_slots_only(effect: type[MeanEffect]) -> None:
     channels = rich_motion(2048)
-    shape = typical_shape(effect)
+    shape = effect.typical().shape
     holed = with_gaps(channels, np.random.default_rng(5))
     columns, _ = effect.columns(holed, shape)
     assert np.isfinite(columns[holed.good]).all()
@@ -95,14 +91,14 @@ def test_a_gap_hides_its_own_slots_only(effect: type[MeanEffect]) -> None:
 @every_mean_effect
 def test_a_missing_channel_gives_nan_not_a_guess(effect: type[MeanEffect]) -> None:
     bare = replace(rich_motion(256), **dict.fromkeys(effect.needs))
-    columns, _ = effect.columns(bare, typical_shape(effect))
+    columns, _ = effect.columns(bare, effect.typical().shape)
     assert np.isnan(columns).all() == bool(effect.needs)
 
 
 @every_column
 def test_parity_is_as_stated(effect: type[MeanEffect]) -> None:
     channels = rich_motion(1024)
-    shape = typical_shape(effect)
+    shape = effect.typical().shape
     there, _ = effect.columns(channels, shape)
     back, _ = effect.columns(mirrored(channels), shape)
     odd, even = np.allclose(back, -there, atol=1e-12), np.allclose(back, there, atol=1e-12)

@@ -33,16 +33,12 @@ CASES: dict[str, dict[str, float]] = {
 }
 
 
-def read(effect: NoiseEffect, channels: Channels) -> Channels:
-    """Return the channels as measured."""
-    return replace(channels, speed_rad_s=effect.read_speed(channels.speed_rad_s))
-
-
 def simulate(name: str, seed: int) -> tuple[NoiseEffect, Channels, np.ndarray]:
     rng = np.random.default_rng(seed)
     channels = rich_motion(SLOTS, seed=seed)
     effect = NOISE_EFFECTS[name](**CASES[name])
-    return effect, read(effect, channels), effect.apply(SIGMA_NM * rng.normal(size=SLOTS), channels, rng)
+    measured = replace(channels, speed_rad_s=effect.read_speed(channels.speed_rad_s))
+    return effect, measured, effect.apply(SIGMA_NM * rng.normal(size=SLOTS), channels, rng)
 
 
 @every_noise_effect

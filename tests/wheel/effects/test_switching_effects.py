@@ -71,23 +71,6 @@ def test_without_jumps_no_rate_is_found() -> None:
     assert SpeedTriggeredJumps.fit(SwitchingEvidence(channels, channels.good, none)).log_likelihood_gain == 0.0
 
 
-def test_jumps_count_from_the_first_slot_of_the_new_level() -> None:
-    jumps = Jumps(np.array([2, 5], dtype=np.int64), np.array([1.0, -0.25]))
-    assert jumps.segment(7).tolist() == [0, 0, 1, 1, 1, 2, 2]
-    assert jumps.total(7).tolist() == [0.0, 0.0, 1.0, 1.0, 1.0, 0.75, 0.75]
-
-
-def test_the_clock_of_the_record_changes_nothing() -> None:
-    system = built_in_wheel().fss[0]
-    clock = JumpClock.from_rate(np.ones(SLOTS))
-    assert clock.slots == SLOTS
-    plain = simulate_system(system, SLOTS, np.random.default_rng(1))
-    read = clock.read(plain)
-    assert np.array_equal(read.jump_index, plain.jump_index)
-    assert np.array_equal(read.friction, plain.friction)
-    assert clock.slot_in_record(1234) == 1234
-
-
 def test_a_fast_clock_brings_more_jumps() -> None:
     system = built_in_wheel().fss[0]
     rate = np.where(np.arange(SLOTS) < SLOTS // 2, 0.2, 1.8)
