@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from scipy.ndimage import binary_closing, binary_dilation, correlate1d, uniform_filter1d
+from scipy.ndimage import binary_closing, binary_dilation, correlate1d, maximum_filter, uniform_filter1d
 
 from rwa_monitor.discrepancy.bench import LEAST_HALF
 from rwa_monitor.samples import BoolArray, FloatArray, Samples
@@ -25,8 +25,10 @@ BIAS_REACH: Final = 20  # slots beyond the derivative filter that determine its 
 SHORT_BIAS_REACH: Final = 12  # slots, of a second estimate of the bias
 BIAS_STDS: Final = 2.0  # standard deviations of the friction, above which the bias must be known to BIAS_KNOWN_TO
 BIAS_KNOWN_TO: Final = 0.05  # of the bias: at a corner of the speed the two estimates differ by more
-CORNER: Final = 10.0  # standard deviations of the friction, beyond which an end of the record differs by a corner
-CORRECTED_REACH: Final = 4  # slots on each side of a correction, whose error is not noise either
+CORNER: Final = 10.0  # standard deviations of the friction, above which the bias must be known to DISAGREEMENT_SHARE
+DISAGREEMENT_SHARE: Final = 0.02  # of the largest bias nearby: on a smooth bend the two estimates differ by less
+DISAGREEMENT_STDS: Final = 4.0  # standard deviations of friction between the estimates: one of them includes a corner
+CORNER_REACH: Final = 4  # slots on each side of such a corner that are excluded
 CORNER_EDGE: Final = 2  # slots on each side of a step of torque in which its pulse may be lost in the noise
 
 
@@ -91,7 +93,11 @@ def derived_friction(speed: FloatArray, torque: FloatArray, wheel: Wheel, torque
     spurious &= np.abs(bias) < BIAS_STDS * sigma
     friction[spurious] -= bias[spurious]
     unknown = (np.abs(bias) > BIAS_STDS * sigma) & (uncertainty > BIAS_KNOWN_TO * np.abs(bias))
-    hidden = unknown | stepped
+    # The two estimates may agree by chance in the middle of a corner, but not everywhere around it.
+    largest, most_uncertain = (maximum_filter(np.abs(values), 2 * hole + 1) for values in (bias, uncertainty))
+    corner = (np.abs(bias) > CORNER * sigma) & (most_uncertain > DISAGREEMENT_SHARE * largest)
+    corner |= (uncertainty > DISAGREEMENT_STDS * sigma) & (uncertainty > DISAGREEMENT_SHARE * largest)
+    hidden = unknown | stepped | binary_dilation(corner, iterations=CORNER_REACH)
     hidden |= binary_closing(hidden)  # one or two samples between: the bias changes its sign, and is small by chance
     # A step of torque in the first or last samples has no slots beyond it from which to detect it.
     at = np.flatnonzero(np.isfinite(friction))
@@ -100,7 +106,7 @@ def derived_friction(speed: FloatArray, torque: FloatArray, wheel: Wheel, torque
             hidden[ends] |= np.abs(friction[ends] - friction[inner]) > CORNER * sigma
     corners = int(np.count_nonzero(hidden & np.isfinite(friction)))
     friction[hidden] = np.nan
-    corrected = binary_dilation(np.abs(bias) > sigma, iterations=CORRECTED_REACH)
+    corrected = binary_dilation(np.abs(bias) > sigma, iterations=CORNER_REACH)
     # The filter averages dω/dt over its window: with the torque averaged alike, both refer to the same interval.
     averaged = correlate1d(torque - friction, torque_balance.averaging_taps(wheel), mode="constant", cval=np.nan)
     return DerivedFriction(friction, corrected, corners, averaged - (torque - derived))
