@@ -45,10 +45,10 @@ PEAK_TESTS_PER_SLOT: Final = 1.5  # independent tests per slot to which the peak
 # with 4 degrees of freedom, so that its run length is the one requested (docs/false_alarms.md).
 NEIGHBOUR_CONTRAST: Final = 2.7
 TAIL_FACTOR: Final = 2.0  # safety factor on the largest outlier by chance, where no run length is requested
-# Candidates tolerated on average in a window without a jump, 0.3, over the independent tests per slot to which their
-# choice amounts. The peaks of all scales are about 1.5, but a candidate must also stay significant between its final
-# neighbours: 0.25, found on simulated windows. The assignment rejects false candidates.
-FALSE_CANDIDATES: Final = 1.2
+FALSE_CANDIDATES: Final = 0.3  # tolerated on average in a window without a jump; the assignment rejects them
+# Independent tests per slot to which the choice of candidates amounts. The peaks of all scales are about 1.5, but a
+# candidate must also stay significant between its final neighbours: found on simulated windows without a jump.
+TESTS_PER_SLOT: Final = 0.25
 UNKNOWN_ERROR_K: Final = 1.0  # K: a temperature with this error or more counts as unknown: viscosity is off by 2 to 8 %
 # Speed, torque, whether they are good, and the speed of `ViscousSpeed` (or no values), as `Window.gather` takes them.
 _Slots = tuple[FloatArray, FloatArray, BoolArray, FloatArray]
@@ -349,7 +349,7 @@ class WindowAccumulator:
 
         `outlier`: see `noise.largest_outlier`.
         """
-        threshold = max(threshold_for(FALSE_CANDIDATES, self._sums.count), KEPT_STATISTIC)
+        threshold = max(threshold_for(FALSE_CANDIDATES, TESTS_PER_SLOT * self._sums.count), KEPT_STATISTIC)
         index, scale, statistic, jump = self._window.peaks_above(threshold, variances)
         known = np.isfinite(variances)
         if not known.any():

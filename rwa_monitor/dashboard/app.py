@@ -173,6 +173,9 @@ def _add_status(add: Callable[..., None], status: Status) -> None:
 
 STATIC: Final = Path(__file__).parent / "static"
 MAX_BODY_BYTES: Final = 16_384
+MAX_NAME: Final = 100  # characters of a person's name
+MAX_NOTE: Final = 2_000
+MAX_SHELVED_S: Final = 7 * SECONDS_PER_DAY
 MAX_WINDOWS: Final = 1_000
 MAX_ESTIMATES: Final = 20_000  # of four parts, 9 windows a day: some 18 months
 DEFAULT_LIMIT: Final = 200
@@ -194,14 +197,14 @@ class _Shown(BaseModel):
 class Acknowledgement(_Shown):
     """Who has seen an alarm, with a note."""
 
-    name: Annotated[str, StringConstraints(strip_whitespace=True, min_length=1, max_length=100)]
-    note: Annotated[str, StringConstraints(strip_whitespace=True, max_length=2_000)] = ""
+    name: Annotated[str, StringConstraints(strip_whitespace=True, min_length=1, max_length=MAX_NAME)]
+    note: Annotated[str, StringConstraints(strip_whitespace=True, max_length=MAX_NOTE)] = ""
 
 
 class Shelving(Acknowledgement):
-    """Who shelves an alarm, for how long (a week at most), and why; 0 s ends it."""
+    """Who shelves an alarm, for how long, and why; 0 s ends it."""
 
-    seconds: Annotated[float, Field(ge=0, le=7 * SECONDS_PER_DAY, allow_inf_nan=False)]
+    seconds: Annotated[float, Field(ge=0, le=MAX_SHELVED_S, allow_inf_nan=False)]
 
 
 class Retirement(Acknowledgement):

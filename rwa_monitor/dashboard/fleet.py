@@ -19,6 +19,7 @@ from rwa_monitor.wheel.torque_balance import corrected_friction, motor_torque, s
 from rwa_monitor.wheel.wheel import Wheel as WheelConstants
 
 KEYS: Final = "rwa/*/*/*"  # on the bus
+MAX_PROVISIONAL: Final = 200  # changepoints of an open window that are kept
 REMEMBERED: Final = 50  # windows that a verdict history keeps, and is initialised with
 
 
@@ -276,7 +277,7 @@ class Wheel:
 
     derived: DerivedFriction
     latest: dict[str, Received] = field(default_factory=dict)
-    provisional: deque[Received] = field(default_factory=lambda: deque(maxlen=200))  # changepoints of the open window
+    provisional: deque[Received] = field(default_factory=lambda: deque(maxlen=MAX_PROVISIONAL))
     decimated: DecimatedSamples = field(default_factory=DecimatedSamples)
     arrivals: ArrivalTimes = field(default_factory=ArrivalTimes)
     verdicts: VerdictHistory = field(default_factory=VerdictHistory)

@@ -26,6 +26,7 @@ from rwa_monitor.words import Log
 HOST: Final = "127.0.0.1"
 DEFAULT_PORT: Final = 8750
 HISTORY_NAME: Final = "history.sqlite3"
+SHUTDOWN_S: Final = 2
 
 
 class DashboardOptions(NamedTuple):
@@ -103,7 +104,7 @@ def serve(options: DashboardOptions, session: zenoh.Session, log: Log = print) -
             ws="websockets-sansio",
             ws_max_size=4096,
             ws_per_message_deflate=False,  # on loopback compression costs more time than it saves
-            timeout_graceful_shutdown=2,
+            timeout_graceful_shutdown=SHUTDOWN_S,
         )
         server = uvicorn.Server(config)
         thread = Thread(target=server.run, kwargs={"sockets": [listening]}, name="dashboard server", daemon=True)

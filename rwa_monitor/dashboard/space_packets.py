@@ -297,6 +297,7 @@ class PacketSender(BusThread):
 
 
 MAX_DATAGRAM_BYTES: Final = 65_535  # the largest value of UDP's length field
+RECEIVE_BUFFER_BYTES: Final = 4 * 2**20  # requested; the system may grant less
 
 
 class UdpAddress(NamedTuple):
@@ -327,7 +328,7 @@ def listening(address: UdpAddress) -> Iterator[socket.socket]:
     """Open a socket that receives datagrams at an address; raises RwaMonitorError if that is not possible."""
     receiver, place = address.open()
     with receiver:
-        receiver.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4 * 2**20)  # the system may grant less
+        receiver.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, RECEIVE_BUFFER_BYTES)
         receiver.settimeout(IDLE_WAIT_S)
         try:
             receiver.bind(place)

@@ -29,13 +29,14 @@ OF_A_SWEEP: Final = 0.25  # longest delay that is tried, of the time between two
 STEP_STDS: Final = 10.0  # standard deviations of friction's differences, above which the accelerating torque steps
 FEWEST_STEPS: Final = 3  # that must be observed
 MOST_STEPS: Final = 0.6  # share of the steps that must each confirm the delay
+STEP_ROUGHNESS: Final = 10.0  # times the roughness due to noise, above which a step is informative
 RESIDUAL_SHARE: Final = 0.5  # of the roughness of a step may remain after a shift by whole slots
-# The same by half a slot: a mean of two slots halves the roughness of any step. And of the squares of the impulses.
-SMALL_RESIDUAL_SHARE: Final = 0.2
+RESIDUAL_SHARE_HALF: Final = 0.2  # the same by half a slot: a mean of two slots halves the roughness of any step
 LEAST_ROUGHNESS: Final = 2.0  # times the roughness due to noise, below which no delay is sought
 WITHIN_A_SLOT: Final = 1.0 / 12.0  # slots²: variance of a uniform position within a slot
 HELD_WITHIN: Final = 0.05  # slots of -½, within which the torque is taken as held from sample to sample
 HELD_STDS: Final = 3.0  # the same in standard deviations of the delay
+IMPULSE_RESIDUAL: Final = 0.2  # of the sum of their squares may remain with a delay of a fraction of a slot
 CHANCE: Final = 1e-6  # probability of a false alarm for impulses without a delay
 PULSE_REACH: Final = 2  # slots on each side of a step that its pulse occupies, plus the whole slots of a delay
 LONGEST_STEP: Final = 5  # slots; longer ramps are left to the first-order effect
@@ -157,8 +158,8 @@ def _by_pulse_removal(halves: IntArray, of_step: FloatArray, noise: float) -> De
     of_step, noise
         float64 (steps, m), roughness of friction around each step with each shift, and its expected sum due to noise.
     """
-    at, allowed = halves.size // 2, np.where(halves % 2 == 0, RESIDUAL_SHARE, SMALL_RESIDUAL_SHARE)
-    informative = of_step[of_step[:, at] > STEP_STDS * noise / of_step.shape[0]]
+    at, allowed = halves.size // 2, np.where(halves % 2 == 0, RESIDUAL_SHARE, RESIDUAL_SHARE_HALF)
+    informative = of_step[of_step[:, at] > STEP_ROUGHNESS * noise / of_step.shape[0]]
     if informative.shape[0] < FEWEST_STEPS:
         return None
     # A shift may also cancel a jump of the friction near one step: most steps must confirm a delay.
@@ -190,7 +191,7 @@ def _by_impulse(balances: Sequence[_Balance], reach: int) -> tuple[float, float]
         return None
     energy, late = float(step @ step), -float(impulse @ step / (step @ step))
     left = impulse + late * step
-    if left @ left > SMALL_RESIDUAL_SHARE * (impulse @ impulse):
+    if left @ left > IMPULSE_RESIDUAL * (impulse @ impulse):
         return None
     # A few impulses may lie on a line by chance: their scatter is taken as at least that of the noise.
     std = float(np.sqrt(max(left @ left / (impulse.size - 1), np.mean(noise**2)) / energy))

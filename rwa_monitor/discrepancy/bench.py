@@ -33,8 +33,8 @@ LOST: Final = 1.5  # median steps, above which a sample is lost
 WINDOW_SHARE: Final = 0.1  # of the recording: the longest window for dω/dt
 LEAST_HALF: Final = 2  # rows on each side from which dω/dt is estimated, at least
 MOST_HALF: Final = 200  # rows on each side, at most
-# Slots per sample that a record may hold: sparser ones are wrong files; median steps over which it is interpolated.
-MAX_GAP_FACTOR: Final = 4
+LONGEST_BRIDGE: Final = 4.0  # median steps between two rows over which values are interpolated
+MAX_GAP_FACTOR: Final = 4  # a record may hold at most this many slots per sample; sparser ones are wrong files
 BREAK: Final = 50.0  # times the running median of the steps, above which a step is a break
 STEPS_AROUND: Final = 11  # steps of that running median
 SHORTEST_SEGMENT: Final = 16  # rows between two breaks; shorter segments carry no information on friction
@@ -270,7 +270,7 @@ def _interpolated(samples: Samples, wheel: Wheel) -> Samples:
     """
     time = samples.time_ns
     grid = np.arange(time[0], time[-1] + 1, wheel.period_ns, dtype=np.int64)
-    longest = MAX_GAP_FACTOR * float(np.median(np.diff(time)))
+    longest = LONGEST_BRIDGE * float(np.median(np.diff(time)))
     known = np.isfinite(samples.speed_rad_s)
     turns = np.diff(np.sign(samples.speed_rad_s[known]), prepend=0.0, append=0.0) != 0.0
     across = turns[np.searchsorted(time[known], grid, side="right")] & ~np.isin(grid, time[known])

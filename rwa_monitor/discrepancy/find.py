@@ -33,7 +33,7 @@ from rwa_monitor.samples import IntArray, Samples
 from rwa_monitor.wheel.effects.catalogue import NOISE_EFFECTS, effect_class
 from rwa_monitor.wheel.wheel import Wheel
 
-SPEED_BLOCKS: Final = BLOCKS // 2  # ranges of speed, three of which are searched
+SPEED_BLOCKS: Final = 5  # ranges of speed, three of which are searched
 MORE_SAMPLES: Final = f"{FEWEST_FOR_JUMPS} samples or more"
 
 

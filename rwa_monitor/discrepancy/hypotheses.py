@@ -227,6 +227,9 @@ def describe(term: Term, strengths: FloatArray) -> str:
 
 
 TOO_LARGE: Final = 0.3  # of the RMS of all friction: an effect detectable only above it has not been tested
+# Of the RMS of the friction where the effect acts: an effect in few samples, as drag near zero speed that is crossed
+# fast, has a small RMS however large it is there. Static friction is twice the dry in bearings, at most.
+TOO_LARGE_AT_PEAK: Final = 1.0
 
 VISIBLE: Final = 1e-12  # of a column's energy: less is rounding
 
@@ -298,9 +301,7 @@ def detectable_strengths(problem: Problem, model: Model, effects: Sequence[type[
         peak = strength * max(float(np.max(np.abs(column))), 1.0 if parameter.unit == "N m" else 0.0)
         there = float(np.sqrt(column**2 @ problem.z**2 / max(float(column @ column), TINY)))
         peak = peak / there if there > 0 else np.inf
-        # An effect in few samples, as drag near zero speed that is crossed fast, has a small RMS however large it is
-        # there. Static friction is twice the dry in bearings, at most.
-        large = (share > TOO_LARGE or peak > 1.0) and not depends_on_level(effect)
+        large = (share > TOO_LARGE or peak > TOO_LARGE_AT_PEAK) and not depends_on_level(effect)
         found.append(Detectable(effect.name, parameter.name, strength, parameter.unit, share, peak, beyond or large))
     return found
 

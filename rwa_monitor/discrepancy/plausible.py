@@ -19,7 +19,8 @@ from rwa_monitor.wheel.wheel import Wheel
 
 # Times nominal friction: mN m read as N m are a factor of a thousand; no bearing reaches a hundred and still turns.
 WRONG_UNIT_FACTOR: Final = 100.0
-FEWEST: Final = 20  # samples at an end stop, or segments: fewer have no influence
+FEWEST_AT_END: Final = 20  # samples: fewer have no influence
+FEWEST_SEGMENTS: Final = 20  # segments
 UNUSUAL_FACTOR: Final = 5.0  # times nominal friction: a degraded wheel, or another wheel
 
 
@@ -113,14 +114,14 @@ def at_end_stop(values: FloatArray, speed: FloatArray | None = None) -> BoolArra
     """
     known = np.isfinite(values)
     count = np.count_nonzero(known)
-    if count < FEWEST:
+    if count < FEWEST_AT_END:
         return np.zeros(values.size, dtype=bool)
     ends = np.stack([values == end(values[known]) for end in (np.max, np.min)])
     between = values[known & ~ends.any(axis=0)]
     if between.size == 0:
         return known & (speed is not None and np.unique(speed).size > DISTINCT_SHARE * speed.size)
     is_measured = np.unique(between).size >= DISTINCT_SHARE * between.size
-    lasting = np.count_nonzero(ends, axis=1) >= max(FEWEST, LEAST_SHARE_AT_END * count)
+    lasting = np.count_nonzero(ends, axis=1) >= max(FEWEST_AT_END, LEAST_SHARE_AT_END * count)
     return np.asarray(np.any(ends[lasting], axis=0) & is_measured)
 
 
@@ -212,7 +213,7 @@ def implied_inertia(speed_rad_s: FloatArray, torque_Nm: FloatArray, sample_perio
     drag = [impulses(column) for column in (np.sign(speed_rad_s), speed_rad_s)]
     rows = np.column_stack([np.diff(speed_rad_s[cuts]), *drag, np.diff(cuts) * sample_period_s, impulses(torque_Nm)])
     rows = rows[np.isfinite(rows).all(axis=1)]
-    return ImpliedValue(*first_slope(rows[:, :-1], rows[:, -1])) if len(rows) >= FEWEST else None
+    return ImpliedValue(*first_slope(rows[:, :-1], rows[:, -1])) if len(rows) >= FEWEST_SEGMENTS else None
 
 
 def _segments(slots: int) -> IntArray:
@@ -370,7 +371,7 @@ def measured_constants(samples: Samples, wheel: Wheel) -> tuple[MeasuredConstant
     def add(constant: tuple[Quantity, str, float], channel: str, rows: FloatArray, response: FloatArray) -> None:
         """Add the constant, the coefficient of the first regressor of the response of a channel, if it is known."""
         known = np.isfinite(rows).all(axis=1) & np.isfinite(response)
-        if np.count_nonzero(known) >= FEWEST:
+        if np.count_nonzero(known) >= FEWEST_SEGMENTS:
             found.append(MeasuredConstant(*constant, channel, *first_slope(rows[known], response[known])))
 
     errors = {effect.error_of: next(iter(effect.values.values())) for effect in mean_effects(wheel)}

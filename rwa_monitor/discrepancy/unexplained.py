@@ -32,6 +32,7 @@ from rwa_monitor.samples import TINY, FloatArray
 
 EXPLAINED_SHARE: Final = 0.7  # of a curve's gain: a law that gains so much with fewer parameters is kept
 NEARLY_ALL: Final = 0.9  # of a sum of squares or a variance: the rest is noise and drift
+FOLDED_SHARE: Final = 0.9  # of the largest power that folding at any period gives
 LEAST_NAMED_SHARE: Final = MODEL_ERROR  # of an unnamed hypothesis's gain that a name found with it must reach
 FEWEST_SAMPLES: Final = 4  # for each height of a curve: with fewer it follows the noise
 FEWEST_STEPS: Final = 6  # of the level: a jump or two too many is chance
@@ -120,7 +121,7 @@ def _repeated(
     periods = [k / frequency_Hz for k in range(1, min(longest, PeriodicRub.harmonics) + 1)]
     folds = [_fold(time_s, residual, period) for period in periods]
     powers = [float(np.mean(mean**2)) for mean in folds]
-    period = periods[next(i for i, power in enumerate(powers) if power >= NEARLY_ALL * max(powers))]
+    period = periods[next(i for i, power in enumerate(powers) if power >= FOLDED_SHARE * max(powers))]
     # A peak is as wide as one period more or less in the record: folding determines the period of a short rub better.
     near = period * (1.0 + min(period / float(np.ptp(time_s)), 1.0) * np.linspace(-0.5, 0.5, 2 * FOLD_BINS + 1))
     folds = [_fold(time_s, residual, one) for one in near]

@@ -28,6 +28,7 @@ from rwa_monitor.wheel.effects.drag_laws import ViscosityTemperature
 from rwa_monitor.wheel.effects.torque_ripple import angle_range_turns, angle_turned
 
 FASTEST_S: Final = 60.0  # time constants of a bearing in its housing: minutes (its rings) to hours (the wheel's case)
+SLOWEST_S: Final = 7200.0
 LONGEST_SHARE: Final = 0.5  # of the record, or of the way between reversals: a slower decay is a drift or a level
 PALMGREN: Final = 2.0 / 3.0  # exponent of the speed of churning losses in ball bearings; else 1 (`sublinear_viscous`)
 SCALE_RAD_S: Final = 100.0  # unit of the speed, so that all strengths are torques
@@ -112,7 +113,7 @@ class HeatOfMotion(UnnamedEffect):
         *(Parameter(f"thinning_{i}_Nm", "N m", -np.inf, 0.0, -1e-4, linear=True) for i in range(4)),
         *(Parameter(f"curvature_{i}_Nm", "N m", 0.0, np.inf, 0.0, linear=True) for i in range(2)),
         *_free("start_Nm"),
-        Parameter("time_constant_s", "s", FASTEST_S, 7200.0, 1000.0, shown=lambda c: (FASTEST_S, _slowest_s(c))),
+        Parameter("time_constant_s", "s", FASTEST_S, SLOWEST_S, 1000.0, shown=lambda c: (FASTEST_S, _slowest_s(c))),
     )
 
     @classmethod

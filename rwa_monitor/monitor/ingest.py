@@ -39,8 +39,9 @@ from rwa_monitor.words import counted, time_text
 HOLD_BACK_MESSAGES: Final = 4
 # A new publisher takes over after this many messages without one of the current publisher: a restart. Until then they
 # wait. They must also have as many samples as that many of the current publisher's largest messages, each counted with
-# at most `PIECE_SLOTS` samples: two publishers of different message sizes must not alternate.
+# at most TAKEOVER_SAMPLES: two publishers of different message sizes must not alternate.
 TAKEOVER_MESSAGES: Final = 3
+TAKEOVER_SAMPLES: Final = 2_048
 # Factor on both limits where a second live publisher is more likely than a restart.
 UNCERTAIN_FACTOR: Final = 10
 # Names of replaced publishers, and numbers of skipped batches, that are remembered; the latter to distinguish late
@@ -195,7 +196,7 @@ class Sequencer:
     def _is_restart(self) -> bool:
         """Return whether the other publisher has sent enough to be taken for a restart."""
         messages = TAKEOVER_MESSAGES * (UNCERTAIN_FACTOR if self.takeover_uncertain else 1)
-        samples = messages * min(self.largest, PIECE_SLOTS)
+        samples = messages * min(self.largest, TAKEOVER_SAMPLES)
         return len(self.takeover) >= messages and sum(len(batch.samples) for batch in self.takeover) >= samples
 
     def _reject_takeover(self) -> Iterator[Trouble]:

@@ -194,6 +194,7 @@ PREFIXED: Final = ("N m", "A", "V")  # units that take a prefix, also at the beg
 PREFIXED_ALONE: Final = ("s", "Hz")  # units that take a prefix only by themselves
 PLAIN_FROM, PLAIN_TO = 1e-3, 1e4  # without prefix: sizes written without a power of ten
 SUPERSCRIPTS: Final = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
+DIGITS: Final = 4  # of a value whose error is not known
 
 
 def measure(value: float | None, std: float | None, unit: str) -> str:
@@ -208,7 +209,7 @@ def measure(value: float | None, std: float | None, unit: str) -> str:
         decimals = min(max(1 - math.floor(math.log10(error)), 0), 12)
         number = f"{value:.{decimals}f} ± {error:.{decimals}f}"
     else:
-        number = f"{value:.4g}"
+        number = f"{value:.{DIGITS}g}"
     if _takes_prefix(unit):
         return f"{number} {PREFIXES[power]}{unit}"
     if power:

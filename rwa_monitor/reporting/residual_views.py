@@ -23,6 +23,7 @@ BINS: Final = 24  # of equal counts
 MIN_PER_BIN: Final = 12  # samples; fewer make no mean
 SLEW_SHARE: Final = 0.5  # of the largest |dω/dt|, above which the wheel slews
 LAGS: Final = 40  # slots of the autocorrelation
+JUMP_RATE_BINS: Final = 8
 FAR: Final = 4.0  # standard deviations beyond which samples are counted in the test of the tails
 
 
@@ -192,7 +193,7 @@ def _tails(problem: Problem, _: Model, residual: FloatArray, __: Model) -> Curve
 def _jump_rate(problem: Problem, extended: Model, _: FloatArray, model: Model) -> Curve | None:
     if extended.fit.jumps.size < MIN_PER_BIN:
         return None
-    edges = np.quantile(problem.speed, np.linspace(0, 1, 9))
+    edges = np.quantile(problem.speed, np.linspace(0, 1, JUMP_RATE_BINS + 1))
     time_s = np.histogram(problem.speed, edges)[0] * _period_s(problem)
     count = np.histogram(problem.speed[model.fit.jumps], edges)[0]
     even = count.sum() * time_s / time_s.sum()
