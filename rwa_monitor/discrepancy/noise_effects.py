@@ -418,5 +418,5 @@ def cage_bursts(problem: Problem, model: Model) -> CageBursts | None:
 def fit_bursts_of(problem: Problem, model: Model) -> list[tuple[LikelihoodFit, BoolArray]]:
     """Fit bursts to each record's friction less slope and effects: levels stay in, since they may be bursts."""
     remaining = model.fit.level + model.fit.residual + problem.z_measured - problem.z
-    views = zip(problem.spread(remaining * problem.sign, np.nan), views_of(problem, model), strict=True)
+    views = zip(problem.spread(remaining * problem.sign, np.nan), views_of(problem, model, turns=False), strict=True)
     return [CageInstability.fit_bursts(along, view.channels, view.good) for along, view in views]

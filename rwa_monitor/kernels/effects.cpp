@@ -33,20 +33,20 @@ NewFloats time_since(Floats values, Flags usable, double period_s, double thresh
     });
 }
 
-// The log-likelihood of a burst chain up to a constant, by the forward recursion (Rabiner 1989); writes each slot's
+// The log-likelihood of a burst chain up to a constant, by the forward recursion (Rabiner 1989); writes each block's
 // probability of a burst given the past.
 double forward(
-    Floats squares, Flags inside, double quiet, double shaking, double freedom, double on, double off,
-    Vector<double> probability) {
-    const double half = 0.5 * (freedom + 1.0);
+    Floats squares, Flags inside, int64_t contrasts, double quiet, double shaking, double freedom, double on,
+    double off, Vector<double> probability) {
+    const double half = 0.5 * (freedom + contrasts);
     const double of_quiet = exp(-2.0 * quiet) / freedom, of_shaking = exp(-2.0 * shaking) / freedom;
     double burst = on / (on + off), total = 0.0;
     for (int64_t k : range(squares.size())) {
         if (k > 0) burst = burst * (1.0 - off) + (1.0 - burst) * on;
         if (isfinite(squares[k])) {
             if (inside[k]) {
-                const double log_quiet = -quiet - half * log1p(squares[k] * of_quiet);
-                const double log_shaking = -shaking - half * log1p(squares[k] * of_shaking);
+                const double log_quiet = -contrasts * quiet - half * log1p(squares[k] * of_quiet);
+                const double log_shaking = -contrasts * shaking - half * log1p(squares[k] * of_shaking);
                 const double largest = max(log_quiet, log_shaking);
                 const double weight = burst * exp(log_shaking - largest);
                 const double both = weight + (1.0 - burst) * exp(log_quiet - largest);

@@ -35,6 +35,7 @@ def time_since(
 def forward(
     squares: FloatArray,
     inside: BoolArray,
+    contrasts: int,
     quiet: float,
     shaking: float,
     freedom: float,
@@ -42,10 +43,11 @@ def forward(
     off: float,
     probability: FloatArray,
 ) -> float:
-    """Return the log-likelihood of bursts up to a constant; write each slot's probability of a burst given the past.
+    """Return the log-likelihood of bursts up to a constant; write each block's probability of a burst given the past.
 
-    `squares` is NaN where a slot is not used; `quiet` and `shaking` are logarithms of scales. Outside the band both
-    states have the same density, and the chain continues without observations.
+    `squares`, one for each block, are sums over so many `contrasts`, NaN where a block is not used; `quiet` and
+    `shaking` are logarithms of scales. Outside the band both states have the same density, and the chain continues
+    without observations.
     """
 
 def smooth(probability: FloatArray, on: float, off: float) -> None:

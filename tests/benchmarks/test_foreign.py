@@ -49,6 +49,8 @@ JUMPS = {
     # The noise: they come in clusters, or are of other sizes than those that a system is looked for at.
     "speed_dependent_noise": [(25, 32), (27, 36)],
     "heavy_tailed_noise": [(25, 37)],
+    # Two bursts; and noise that grows by 60 %, beside outliers at reversals that no law of the noise fits.
+    "cage_instability": [(37, 5), (39, 12)],
 }
 
 

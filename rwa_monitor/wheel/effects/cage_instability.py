@@ -4,17 +4,18 @@ from collections.abc import Callable
 from typing import Final
 
 import numpy as np
-from scipy import special
+from scipy import linalg, special
 
 from rwa_monitor.kernels.effects import forward, smooth
 from rwa_monitor.samples import BoolArray, FloatArray
 from rwa_monitor.wheel.effects.base import Channels, LikelihoodFit, NoiseEffect, Parameter, usable_residuals
 from rwa_monitor.wheel.effects.noise_laws import HeavyTailedNoise
 
-FEWEST_BURSTS: Final = 5  # fewer may be chance
+FEWEST_BURSTS: Final = 2  # one is an event
 BESIDE_BURST: Final = 32  # slots before and after a burst with which its drag is compared
 FEWEST_BESIDE: Final = 4  # slots in a burst, and around it, for a mean
-DRAG_BY_CHANCE: Final = 0.2  # largest p-value of the drag; that there are bursts is tested separately
+DRAG_BY_CHANCE: Final = 0.05  # largest p-value of the drag; that there are bursts is tested separately
+SHIFTS: Final = 199  # of the bursts in time, among which the drag is to be exceptional
 MEDIAN_TO_STD: Final = 1.4826  # standard deviation of a Gaussian over its median absolute deviation
 EFFICIENCY_OF_MEDIAN: Final = 1.2533  # standard deviation of a median over that of a mean, √(π/2)
 
@@ -72,8 +73,6 @@ class CageInstability(NoiseEffect):
 
         The residual may still hold levels. The gain is that of the noise alone, over noise that follows the speed.
         """
-        from scipy import stats
-
         usable = usable_residuals(residual_Nm, channels, good) & (channels.direction != 0)
         count = int(usable.sum())
         nothing = cls.nothing_found(count), np.zeros(residual_Nm.size, dtype=np.bool_)
@@ -81,8 +80,9 @@ class CageInstability(NoiseEffect):
         if found is None:
             return nothing
         gain, noise, on = found
-        drag = _drag_of_bursts(residual_Nm * channels.direction, usable, on)
-        if drag.size < FEWEST_BURSTS or stats.wilcoxon(drag, alternative="greater").pvalue > DRAG_BY_CHANCE:
+        along = residual_Nm * channels.direction
+        drag = _drag_of_bursts(along, usable, on)
+        if drag.size < FEWEST_BURSTS or _by_chance(along, usable, on) > DRAG_BY_CHANCE:
             return nothing  # noise without drag is no cage instability
         middle = max(float(np.median(drag)), 0.0)
         spread = MEDIAN_TO_STD * float(np.median(np.abs(drag - middle)))
@@ -120,6 +120,14 @@ def _drag_of_bursts(along: FloatArray, usable: BoolArray, on: BoolArray) -> Floa
     return np.array(drag)
 
 
+def _by_chance(along: FloatArray, usable: BoolArray, on: BoolArray) -> float:
+    """Return the p-value of the bursts' drag: among that of the same bursts shifted in time, which meet other jumps."""
+    shifts = np.linspace(0, on.size, SHIFTS + 1, endpoint=False).astype(np.int64)
+    shifted = [_drag_of_bursts(along, usable, np.roll(on, shift)) for shift in shifts]
+    drag = np.array([np.median(of) for of in shifted if of.size])
+    return float(np.mean(drag >= drag[0]))
+
+
 def _bursts(slots: int, period_s: float, burst_s: float, quiet_s: float, rng: np.random.Generator) -> BoolArray:
     """Return a random telegraph signal of exponential bursts and pauses of given means; always on without pauses."""
     if quiet_s == 0.0:
@@ -135,15 +143,17 @@ def _bursts(slots: int, period_s: float, burst_s: float, quiet_s: float, rng: np
 
 
 # ---- bursts of noise in a band of speeds: a hidden Markov chain of two states, quiet and shaking ---------------------
-# It is fitted to the differences of neighbouring residuals, in disjoint pairs, from which levels and slow effects
-# cancel. Each difference is Student-t with a scale that is a nonparametric function of |ω|; inside the band the scale
-# also depends on the state. The gain is over the same law without states, so that it is due neither to a law of the
-# speed nor to heavy tails, neither of which has states that last. The likelihood is the forward recursion of
-# L. R. Rabiner, A tutorial on hidden Markov models, Proceedings of the IEEE 77(2), 1989.
+# It is fitted to the scatter of blocks of neighbouring residuals about their means, from which levels and slow effects
+# cancel. A block's contrasts are jointly Student-t with a scale that is a nonparametric function of |ω|; inside the
+# band, the scale also depends on the state. The gain is over the same law without states, so that it is due neither to
+# a law of the speed nor to heavy tails, neither of which has states that last. The likelihood is the forward recursion
+# of L. R. Rabiner, A tutorial on hidden Markov models, Proceedings of the IEEE 77(2), 1989.
 
 
-BINS: Final = 40  # of |ω|; each has its own scale of the differences
-FEWEST_IN_BIN: Final = 20  # differences for a scale
+BLOCK: Final = 4  # slots: far shorter than a burst, and three quarters of the information are kept
+CONTRASTS: Final = BLOCK - 1  # of a block, that its mean does not enter
+BINS: Final = 40  # of |ω|; each has its own scale of the scatter
+FEWEST_IN_BIN: Final = 20  # contrasts for a scale
 CLIP_AT: Final = 4.0  # robust standard deviations, for that scale
 SHORTEST_STAY: Final = 16.0  # slots, mean duration of a state: shorter bursts cannot be distinguished from heavy tails
 FIRST_STAY: Final = 100.0  # slots, mean duration at which the fit begins
@@ -152,6 +162,7 @@ WIDEST_BAND: Final = 0.3  # half width as a share of the speeds' range: wider is
 FIRST_SCALES: Final = ((-0.25, 0.25), (-0.5, 0.4))  # logarithms of the quiet and the shaking scale over the bin's
 LEAST_FREEDOM: Final = HeavyTailedNoise.parameters[0].low  # degrees of freedom: a variance exists
 GAUSSIAN_FROM: Final = float(np.log(400.0))  # log of degrees of freedom from which the law is Gaussian
+LARGEST_GROWTH: Final = float(np.log(np.log1p(CageInstability.parameters[1].high)))  # as the fit has it
 MOST_EVALUATIONS: Final = 800
 FIRST_EVALUATIONS: Final = 120  # for each width: enough to find the best one
 
@@ -175,44 +186,51 @@ def find_bursts(
     None where the speed does not vary or too few slots are usable, else at the maximum of the likelihood:
 
     log_likelihood_gain
-        Over differences whose scale depends on the speed alone.
+        Over a scatter whose scale depends on the speed alone.
     values
         Of the effect's parameters except the drag; durations in slots.
     on
         bool (n,), slots that are in a burst with a probability above one half.
     """
-    pairs = usable & np.concatenate([[False], usable[:-1]])
-    pairs[::2] = False  # neighbouring differences share a sample: one outlier would give two and mimic a burst
-    if np.count_nonzero(pairs) < 2 * FEWEST_IN_BIN or np.ptp(speed[pairs]) == 0.0:
+    whole = residual.size // BLOCK * BLOCK
+    known = np.logical_and.reduce(usable[:whole].reshape(-1, BLOCK), axis=1)
+    middle = speed[:whole].reshape(-1, BLOCK).mean(axis=1)
+    if np.count_nonzero(known) < FEWEST_IN_BIN or np.ptp(middle[known]) == 0.0:
         return None
-    difference = np.concatenate([[0.0], np.diff(np.nan_to_num(residual))])
-    scale = _scale_by_speed(difference, speed, pairs)
-    return None if scale is None else _fit(np.where(pairs, (difference / scale) ** 2, np.nan), speed, pairs)
+    # Orthonormal contrasts: of white noise they are independent, with the variance of a residual.
+    contrasts = np.where(known[:, None], residual[:whole].reshape(-1, BLOCK), 0.0) @ linalg.helmert(BLOCK).T
+    scale = _scale_by_speed(contrasts, middle, known)
+    if scale is None:
+        return None
+    gain, values, in_burst = _fit(np.where(known, np.square(contrasts).sum(axis=1) / scale**2, np.nan), middle, known)
+    on = np.zeros(residual.size, dtype=np.bool_)
+    on[:whole] = np.repeat(in_burst, BLOCK)
+    return gain, values, on
 
 
-def _scale_by_speed(difference: FloatArray, speed: FloatArray, pairs: BoolArray) -> FloatArray | None:
-    """Return the scale of the differences as a function of the speed, float64 (n,); None where no bin has a scale."""
-    edges = np.linspace(speed[pairs].min(), speed[pairs].max(), BINS + 1)
+def _scale_by_speed(contrasts: FloatArray, speed: FloatArray, known: BoolArray) -> FloatArray | None:
+    """Return the scale of contrasts (blocks, 3) as a function of the speed, (blocks,); None if no bin has a scale."""
+    edges = np.linspace(speed[known].min(), speed[known].max(), BINS + 1)
     at = np.clip(np.searchsorted(edges, speed, side="right") - 1, 0, BINS - 1)
     scale = np.zeros(BINS)
     for i in range(BINS):
-        values = difference[pairs & (at == i)]
+        values = contrasts[known & (at == i)].ravel()
         if values.size >= FEWEST_IN_BIN:
             limit = CLIP_AT * float(np.median(np.abs(values))) / 0.6745
             scale[i] = np.sqrt(np.mean(np.clip(values, -limit, limit) ** 2))
-    known = scale > 0
-    if not known.any():
+    found = scale > 0
+    if not found.any():
         return None
     middle = 0.5 * (edges[1:] + edges[:-1])
-    return np.exp(np.interp(speed, middle[known], np.log(scale[known])))
+    return np.exp(np.interp(speed, middle[found], np.log(scale[found])))
 
 
-def _fit(squares: FloatArray, speed: FloatArray, pairs: BoolArray) -> tuple[float, dict[str, float], BoolArray]:
+def _fit(squares: FloatArray, speed: FloatArray, known: BoolArray) -> tuple[float, dict[str, float], BoolArray]:
     from scipy import optimize
 
-    count = int(np.count_nonzero(pairs))
+    count = int(np.count_nonzero(known))
     probability = np.zeros(squares.size)
-    low, span = float(speed[pairs].min()), float(np.ptp(speed[pairs]))
+    low, span = float(speed[known].min()), float(np.ptp(speed[known]))
 
     def half_width(x: FloatArray) -> float:
         return float(min(abs(x[7]), WIDEST_BAND * span))
@@ -220,10 +238,10 @@ def _fit(squares: FloatArray, speed: FloatArray, pairs: BoolArray) -> tuple[floa
     def loss(x: FloatArray) -> float:
         inside = np.abs(speed - x[6]) < half_width(x)
         freedom, (on, off) = _freedom(x[0]), _rates(x)
-        shaking = x[2] + float(np.exp(x[3]))
+        shaking = x[2] + _growth(x)
         scaled = squares * np.exp(-2.0 * x[1])
-        log_likelihood = forward(scaled, inside, x[2], shaking, freedom, on, off, probability)
-        return float(count * (x[1] - _constant(freedom)) - log_likelihood)
+        log_likelihood = forward(scaled, inside, CONTRASTS, x[2], shaking, freedom, on, off, probability)
+        return float(count * (CONTRASTS * x[1] - _constant(freedom)) - log_likelihood)
 
     stay = float(np.log(FIRST_STAY - SHORTEST_STAY))
 
@@ -246,11 +264,11 @@ def _fit(squares: FloatArray, speed: FloatArray, pairs: BoolArray) -> tuple[floa
     on, off = _rates(best)
     smooth(probability, on, off)
     values = {
-        "noise_strength": float(np.exp(np.exp(best[3]))) - 1.0,
+        "noise_strength": float(np.expm1(_growth(best))),
         "band_speed_rad_s": float(best[6]),
         "band_half_width_rad_s": half_width(best),
-        "burst_s": 1.0 / off,
-        "quiet_s": 1.0 / on,
+        "burst_s": BLOCK / off,
+        "quiet_s": BLOCK / on,
     }
     return max(gain, 0.0), values, (np.abs(speed - best[6]) < half_width(best)) & (probability > 0.5)
 
@@ -282,13 +300,18 @@ def _freedom(x: float) -> float:
     return float(np.exp(np.clip(x, -20.0, GAUSSIAN_FROM))) + LEAST_FREEDOM
 
 
+def _growth(x: FloatArray) -> float:
+    """Return the logarithm of the noise in a burst over that outside, limited to what the parameter allows."""
+    return float(np.exp(min(x[3], LARGEST_GROWTH)))
+
+
 def _rates(x: FloatArray) -> tuple[float, float]:
-    """Return the probabilities to begin and to end a burst in a slot."""
+    """Return the probabilities to begin and to end a burst in a block."""
     quiet, burst = SHORTEST_STAY + np.exp(np.clip(x[4:6], -20.0, 12.0))
-    return 1.0 / float(quiet), 1.0 / float(burst)
+    return BLOCK / float(quiet), BLOCK / float(burst)
 
 
 def _constant(freedom: float) -> float:
-    """Return the constant of the logarithm of Student's density."""
-    of_gamma = special.gammaln(0.5 * (freedom + 1.0)) - special.gammaln(0.5 * freedom)
-    return float(of_gamma - 0.5 * np.log(np.pi * freedom))
+    """Return the constant of the logarithm of Student's joint density of a block's contrasts."""
+    of_gamma = special.gammaln(0.5 * (freedom + CONTRASTS)) - special.gammaln(0.5 * freedom)
+    return float(of_gamma - 0.5 * CONTRASTS * np.log(np.pi * freedom))

@@ -182,6 +182,20 @@ def test_bursts_that_do_not_drag_are_no_cage() -> None:
     assert not on.any()
 
 
+@pytest.mark.parametrize("drags", [True, False])
+def test_two_bursts_are_a_cage_if_they_drag(drags: bool) -> None:
+    rng, channels = np.random.default_rng(6), rich_motion(SLOTS)
+    middle = np.flatnonzero(np.abs(np.abs(channels.speed_rad_s) - 60.0) < 6.0)
+    passes = np.split(middle, np.flatnonzero(np.diff(middle) > 1) + 1)
+    noise = noise_of(channels, rng, "levels" if drags else "white")
+    for one in sorted(passes, key=len)[-2:]:
+        noise[one] *= 4.0
+        noise[one] += drags * 4.0 * BURST_NOISE_NM * channels.direction[one]
+    fit, on = CageInstability.fit_bursts(noise, channels, channels.good)
+    assert (fit.penalised_gain > 25.0) == drags
+    assert on.any() == drags
+
+
 def test_one_speed_has_no_band() -> None:
     channels = rich_motion(SLOTS)
     channels.speed_rad_s[:] = 60.0
