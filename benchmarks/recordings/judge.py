@@ -1956,7 +1956,7 @@ TWENTYEIGHTH: dict[str, Expected] = {
     "lorenz_slower": TWO_WAYS,
     # joints of an arm with low gears, whose friction is lost in what is left of their motion: waves −1, −1 % (gain 0,
     # 0), where it turns round −2 % (of the wrist; 1), else at most −1 % (0)
-    **dict.fromkeys(("limb_elbow", "limb_wrist"), Expected((), f"torque_ripple {SLEW}", nothing=True)),
+    "limb_wrist": Expected((), f"torque_ripple {SLEW}", nothing=True),
     # a motor over its duty
     "ladder": BY_DUTY,
     # its starts: more at rest −15 % (gain 23), held out −10 %, bent the other way −7 % (10), a lag −6 % (9); then less

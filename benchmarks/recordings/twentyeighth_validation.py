@@ -51,8 +51,8 @@ def humanoid_arm(mirrors: Path, out: Path) -> None:
     Some 300 Hz for 25 s, angles, speeds and torques (from the currents) of six joints, as their Savitzky-Golay filter
     leaves them; made even, low-pass filtered at 8 Hz, means of 4 rows; friction = torque − what the accelerations of
     all joints, the sines and cosines of all angles and of the sum of this one and the one before it take + what it is
-    at rest, by least squares beside dry and viscous friction, where it is faster than 0.15 rad/s. `limb_elbow` and
-    `limb_wrist`: its fourth and fifth, which move for some 4 s.
+    at rest, by least squares beside dry and viscous friction, where it is faster than 0.15 rad/s. `limb_wrist`: its
+    fifth, which moves for some 4 s.
     """
     path = "data/example_arm_logs/armlog2_processed_data.mat"
     data = io.BytesIO(fetch(mirrors, "saloutos/system_identification", path))
@@ -69,23 +69,23 @@ def humanoid_arm(mirrors: Path, out: Path) -> None:
         for key in ("q", "qd", "tau")
     )
     slopes = np.gradient(speeds, 1 / 300, axis=1)
-    for name, joint in (("limb_elbow", 3), ("limb_wrist", 4)):
-        sums = [*angles, angles[joint] + angles[joint - 1]]
-        t, angle, v, f, *base = means(
-            4,
-            *(
-                x[30:-30]
-                for x in (
-                    *(grid, angles[joint], speeds[joint], torques[joint]),
-                    *slopes,
-                    *(wave(x) for x in sums for wave in (np.sin, np.cos)),
-                )
-            ),
-        )
-        columns = np.column_stack([*base, np.ones_like(v)])
-        f = without(f, columns, np.column_stack([np.sign(v), v]), np.abs(v) > 0.15)
-        kept = {"time_s": t, "speed_rad_s": v, "friction_torque_Nm": f, "angle_rad": angle - angle.mean()}
-        save(out, name, kept, dead_band=0.15)
+    joint = 4
+    sums = [*angles, angles[joint] + angles[joint - 1]]
+    t, angle, v, f, *base = means(
+        4,
+        *(
+            x[30:-30]
+            for x in (
+                *(grid, angles[joint], speeds[joint], torques[joint]),
+                *slopes,
+                *(wave(x) for x in sums for wave in (np.sin, np.cos)),
+            )
+        ),
+    )
+    columns = np.column_stack([*base, np.ones_like(v)])
+    f = without(f, columns, np.column_stack([np.sign(v), v]), np.abs(v) > 0.15)
+    kept = {"time_s": t, "speed_rad_s": v, "friction_torque_Nm": f, "angle_rad": angle - angle.mean()}
+    save(out, "limb_wrist", kept, dead_band=0.15)
 
 
 def duty_motor(mirrors: Path, out: Path) -> None:

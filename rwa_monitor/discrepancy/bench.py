@@ -34,7 +34,7 @@ WINDOW_SHARE: Final = 0.1  # of the recording: the longest window for dω/dt
 LEAST_HALF: Final = 2  # rows on each side from which dω/dt is estimated, at least
 MOST_HALF: Final = 200  # rows on each side, at most
 LONGEST_BRIDGE: Final = 4.0  # median steps between two rows over which values are interpolated
-MAX_GAP_FACTOR: Final = 4  # a record may hold at most this many slots per sample; sparser ones are wrong files
+MAX_GAP_FACTOR: Final = 4  # a record may hold at most this many of its steps per sample; sparser ones are wrong files
 BREAK: Final = 50.0  # times the running median of the steps, above which a step is a break
 STEPS_AROUND: Final = 11  # steps of that running median
 SHORTEST_SEGMENT: Final = 16  # rows between two breaks; shorter segments carry no information on friction
@@ -164,7 +164,8 @@ def _segments(recordings: Sequence[tuple[str, Samples]], wheel: Wheel) -> tuple[
     found, notes = [], []
     for name, samples in recordings:
         steps = np.diff(samples.time_ns)
-        sparse = float(steps.sum()) > MAX_GAP_FACTOR * wheel.period_ns * len(samples)
+        step_ns = min(float(np.median(steps)), wheel.period_ns) if steps.size else wheel.period_ns
+        sparse = float(steps.sum()) > MAX_GAP_FACTOR * step_ns * len(samples)
         whole = sparse or wheel.friction.motor_off
         apart = whole if is_even(samples.time_ns) else samples.friction_torque_Nm is None
         after = np.zeros(0, dtype=np.int64)
@@ -186,12 +187,14 @@ def _segments(recordings: Sequence[tuple[str, Samples]], wheel: Wheel) -> tuple[
 
 
 def _is_on_grid(samples: Samples, wheel: Wheel) -> bool:
-    """Return whether the clock is even and not far faster than the wheel's; with pulses it must have that period."""
+    """Return whether the clock is even and about the wheel's; with pulses it must have that period."""
     even = is_even(samples.time_ns, whole=samples.friction_torque_Nm is None)
     if len(samples) < 3:
         return even
     ratio = float(np.median(_steps_s(samples))) / wheel.sample_period_s
-    own = NEAR_PERIOD[0] <= ratio if wheel.pulses_per_turn is None else abs(ratio - 1.0) <= OFF_A_STEP
+    own = NEAR_PERIOD[0] <= ratio <= MAX_GAP_FACTOR
+    if wheel.pulses_per_turn is not None:
+        own = abs(ratio - 1.0) <= OFF_A_STEP
     return even and own
 
 

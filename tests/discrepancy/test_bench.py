@@ -421,3 +421,26 @@ def test_what_is_made_even_stays_as_it_is() -> None:
     for name, values in once.recordings[0][1].channels():
         np.testing.assert_array_equal(getattr(again.recordings[0][1], name), values)
     np.testing.assert_array_equal(once.recordings[0][1].speed_rad_s, speed)
+
+
+def friction_at(time: Array, speed: Array, seed: int) -> Samples:
+    """Return a table of a wheel whose friction is measured beside its speed."""
+    noise = 5e-4 * np.random.default_rng(seed).normal(size=time.size)
+    return samples(time, speed, drag(speed, WINDAGE) + noise)
+
+
+def measured(period_s: float) -> Wheel:
+    return Wheel(name="bench", sample_period_s=period_s, inertia_kg_m2=INERTIA)
+
+
+def test_recordings_of_other_steps_are_searched_together() -> None:
+    dwells = friction_at(np.arange(400.0), np.repeat(np.linspace(2.0, 20.0, 20), 20), 1)
+    begins = 20.0 * np.repeat(np.arange(8.0), 80)  # eight spins in one table, with most of the time between them
+    within = np.tile(np.arange(80) / 100.0, 8)
+    spins = friction_at(begins + within, 2.0 + 20.0 * within, 2)
+    for one, step_s in ((dwells, 1.0), (spins, 0.01)):
+        assert as_measured([("log", one)], measured(0.1)).wheel.sample_period_s == pytest.approx(step_s)
+    search = find_discrepancy([("dwells", dwells), ("spins", spins)], measured(1.0))
+    assert names(search) == ["quadratic_drag"]
+    assert search.problem.size == len(dwells) + len(spins)
+    assert search.result.effects[0].parameters["strength_Nm_s2_rad2"].value == pytest.approx(WINDAGE, rel=0.02)
