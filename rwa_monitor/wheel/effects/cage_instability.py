@@ -14,7 +14,7 @@ from rwa_monitor.wheel.effects.noise_laws import HeavyTailedNoise
 FEWEST_BURSTS: Final = 2  # one is an event
 BESIDE_BURST: Final = 32  # slots before and after a burst with which its drag is compared
 FEWEST_BESIDE: Final = 4  # slots in a burst, and around it, for a mean
-DRAG_BY_CHANCE: Final = 0.05  # largest p-value of the drag; that there are bursts is tested separately
+DRAG_BY_CHANCE: Final = 0.01  # largest p-value of the drag; that there are bursts is tested separately
 SHIFTS: Final = 199  # of the bursts in time, among which the drag is to be exceptional
 MEDIAN_TO_STD: Final = 1.4826  # standard deviation of a Gaussian over its median absolute deviation
 EFFICIENCY_OF_MEDIAN: Final = 1.2533  # standard deviation of a median over that of a mean, √(π/2)
