@@ -18,7 +18,6 @@ import sqlalchemy as sa
 from pydantic import BeforeValidator
 from sqlalchemy.exc import ArgumentError, SQLAlchemyError
 from sqlalchemy.orm import DeclarativeBase, Mapped, Session, mapped_column, relationship
-from sqlalchemy.pool import StaticPool
 
 from rwa_monitor.diagnosis.trend import Reach
 from rwa_monitor.errors import InputError, RwaMonitorError
@@ -46,7 +45,7 @@ class Database:
     ----------
     place
         SQLite file, made where it is missing; or the URL of a PostgreSQL database, which must exist
-        (postgresql://USER:PASSWORD@HOST/NAME); None keeps everything in memory.
+        (postgresql://USER:PASSWORD@HOST/NAME).
 
     Raises
     ------
@@ -54,7 +53,7 @@ class Database:
         If the file is no database or cannot be opened, the URL is none, or there is no database.
     """
 
-    def __init__(self, place: Path | str | None) -> None:
+    def __init__(self, place: Path | str) -> None:
         self.path = path = place if isinstance(place, Path) else None
         self._url = _url(place)
         if path is not None:
@@ -93,10 +92,8 @@ def _identity(path: Path | None) -> tuple[int, int] | None:
     return None
 
 
-def _url(place: Path | str | None) -> sa.URL:
+def _url(place: Path | str) -> sa.URL:
     """Return the URL of a place; no error shows its password."""
-    if place is None:
-        return sa.make_url("sqlite://")
     if isinstance(place, Path):
         # No connection creates the file: a new, empty one would be mistaken for the file that was removed.
         return sa.make_url(f"sqlite:///file:{quote(str(place.absolute()))}?mode=rw&uri=true")
@@ -118,8 +115,6 @@ def _open_engine(url: sa.URL) -> sa.Engine:
     else:
         # The pool ensures that one thread at a time uses a connection.
         options = {"connect_args": {"timeout": BUSY_TIMEOUT_S, "check_same_thread": False}}
-        if url.database is None:
-            options["poolclass"] = StaticPool
     try:
         engine = sa.create_engine(url, **options)
     except ModuleNotFoundError as error:
