@@ -14,6 +14,8 @@ import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
+from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Final, Literal
 
 import numpy as np
@@ -99,7 +101,7 @@ def _life(fate: Fate, number: int, wheel: int, seed: int) -> list[Diagnosis]:
 def _raised(lives: Sequence[Sequence[Diagnosis]]) -> dict[tuple[str, str], int]:
     """Return the window of the first alarm by wheel and anomaly."""
     raised: dict[tuple[str, str], int] = {}
-    with History(None) as history:
+    with TemporaryDirectory() as folder, History(Path(folder, "h.sqlite3")) as history:
         for window, diagnoses in enumerate(zip(*lives, strict=True)):
             for diagnosis in diagnoses:
                 _, changed = history.add(diagnosis)

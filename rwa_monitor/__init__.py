@@ -6,8 +6,6 @@ one's own, `rwa_monitor.wheel.effects.base` and `register` of `rwa_monitor.wheel
 is recorded in the changelog; everything else may change at any time.
 """
 
-from __future__ import annotations
-
 from functools import cache
 from importlib import import_module
 from importlib.util import find_spec

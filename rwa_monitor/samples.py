@@ -34,8 +34,7 @@ def _decoded(kind: str, value: object) -> NDArray[Any]:
         return value
     if not isinstance(value, str):
         raise ValueError("must be text in base64")
-    array = np.frombuffer(b64decode(value, validate=True), dtype=f"<{kind}")
-    return array.astype(kind)
+    return np.frombuffer(b64decode(value, validate=True), dtype=f"<{kind}").astype(kind)
 
 
 # In JSON, which stores states whose numbers nobody reads: little-endian bytes in base64.

@@ -1,8 +1,6 @@
 """The folder of results: one Parquet file for each recording, whose name identifies the inputs."""
 
-import csv
 import hashlib
-import io
 import re
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -16,7 +14,7 @@ from rwa_monitor.api import diagnosis_row
 from rwa_monitor.batch.tasks import Diagnose, DiagnosedFile
 from rwa_monitor.errors import InputError
 from rwa_monitor.messages import Diagnosis
-from rwa_monitor.telemetry.files import atomic_write, display_name, opened, write_text
+from rwa_monitor.telemetry.files import atomic_write, display_name, opened, write_rows
 
 FAILED: Final = "failed.csv"
 KIND: Final = "diagnosis"  # prefix of the names of results
@@ -57,11 +55,8 @@ class Store:
 
     def write_failures(self, failures: Iterable[tuple[Path, str]]) -> None:
         """Write the list of recordings that could not be used, with reasons; it is empty where all could."""
-        text = io.StringIO()
-        writer = csv.writer(text, lineterminator="\n")
-        writer.writerow(("file", "reason"))
-        writer.writerows((str(file), reason) for file, reason in failures)
-        write_text(self.folder / FAILED, text.getvalue())
+        rows = ((str(file), reason) for file, reason in failures)
+        write_rows(self.folder / FAILED, [("file", "reason"), *rows])
 
 
 def read_results(folder: Path) -> pa.Table:

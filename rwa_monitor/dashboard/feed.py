@@ -15,7 +15,7 @@ import time
 from collections import deque
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import InitVar, dataclass
 from functools import cache
 from threading import Lock
 from typing import Final, Self
@@ -423,6 +423,7 @@ class _Monitor:
     stored: bool | None = None
 
 
+@dataclass(eq=False)
 class MonitorWatch:
     """Watches which wheels have a monitor that reports; a silent one raises an alarm.
 
@@ -441,29 +442,27 @@ class MonitorWatch:
         A monotonic clock [s], and this machine's wall clock [ns].
     """
 
-    def __init__(
-        self,
-        silent_s: float,
-        expected: Mapping[tuple[str, str], bool],
-        clock_s: Callable[[], float] = time.monotonic,
-        wall_ns: Callable[[], int] = time.time_ns,
-    ) -> None:
-        self._silent_s = silent_s
-        self._clock_s, self._wall_ns = clock_s, wall_ns
-        since = f"this dashboard was started, at {time_text(wall_ns())}"
-        self._monitors = {name: _Monitor(clock_s(), since, stored=alarmed) for name, alarmed in expected.items()}
+    silent_s: float
+    expected: InitVar[Mapping[tuple[str, str], bool]]
+    clock_s: Callable[[], float] = time.monotonic
+    wall_ns: Callable[[], int] = time.time_ns
+
+    def __post_init__(self, expected: Mapping[tuple[str, str], bool]) -> None:
+        """Expect the monitors of the history from now on."""
+        since = f"this dashboard was started, at {time_text(self.wall_ns())}"
+        self._monitors = {name: _Monitor(self.clock_s(), since, stored=alarmed) for name, alarmed in expected.items()}
 
     def take_status(self, spacecraft: str, wheel: str, time_ns: int | None) -> None:
         """Register a status of a wheel's monitor, and the time of the wheel's latest sample [ns], if it has one."""
         known = self._monitors.setdefault((spacecraft, wheel), _Monitor(0.0, ""))
-        known.last_s, known.since, known.has_reported = self._clock_s(), time_text(self._wall_ns()), True
+        known.last_s, known.since, known.has_reported = self.clock_s(), time_text(self.wall_ns()), True
         known.time_ns = known.time_ns if time_ns is None else time_ns
 
     def expect(self, spacecraft: str, wheel: str) -> None:
         """Register that samples of a wheel arrived: it should have a monitor."""
         if (spacecraft, wheel) not in self._monitors:
-            since = f"samples of this wheel came first, at {time_text(self._wall_ns())}"
-            self._monitors[spacecraft, wheel] = _Monitor(self._clock_s(), since)
+            since = f"samples of this wheel came first, at {time_text(self.wall_ns())}"
+            self._monitors[spacecraft, wheel] = _Monitor(self.clock_s(), since)
 
     def changes(self, retired: Collection[tuple[str, str]], trouble: str) -> list[MonitorState]:
         """Return the monitors whose state, reporting or silent, differs from that in the history.
@@ -475,13 +474,13 @@ class MonitorWatch:
         trouble
             A sentence on what is wrong with the dashboard's own connection; "" where nothing is.
         """
-        if not self._silent_s:
+        if not self.silent_s:
             return []
-        now_s = self._clock_s()
+        now_s = self.clock_s()
         found = []
         for name, one in self._monitors.items():
             silence_s = now_s - one.last_s
-            silent = silence_s > self._silent_s
+            silent = silence_s > self.silent_s
             if not silent and not one.has_reported:
                 continue  # expected, without a status yet: the stored state remains
             if silent != one.stored and not (silent and name in retired):

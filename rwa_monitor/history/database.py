@@ -18,12 +18,11 @@ import sqlalchemy as sa
 from pydantic import BeforeValidator
 from sqlalchemy.exc import ArgumentError, SQLAlchemyError
 from sqlalchemy.orm import DeclarativeBase, Mapped, Session, mapped_column, relationship
-from sqlalchemy.pool import StaticPool
 
 from rwa_monitor.diagnosis.trend import Reach
 from rwa_monitor.errors import InputError, RwaMonitorError
 from rwa_monitor.history.alarms import ALL_WHEELS, BOUNDS, EventKind, Level, advice
-from rwa_monitor.messages import AlarmLevel, AlarmPhase, Message, Number
+from rwa_monitor.messages import AlarmLevel, AlarmPhase, Message, Number, WheelMessage
 from rwa_monitor.reporting.diagnoses import EstimateRecord, coefficient_trend
 from rwa_monitor.samples import SECONDS_PER_DAY
 from rwa_monitor.telemetry.files import make_folder, refusing
@@ -46,7 +45,7 @@ class Database:
     ----------
     place
         SQLite file, made where it is missing; or the URL of a PostgreSQL database, which must exist
-        (postgresql://USER:PASSWORD@HOST/NAME); None keeps everything in memory.
+        (postgresql://USER:PASSWORD@HOST/NAME).
 
     Raises
     ------
@@ -54,7 +53,7 @@ class Database:
         If the file is no database or cannot be opened, the URL is none, or there is no database.
     """
 
-    def __init__(self, place: Path | str | None) -> None:
+    def __init__(self, place: Path | str) -> None:
         self.path = path = place if isinstance(place, Path) else None
         self._url = _url(place)
         if path is not None:
@@ -93,10 +92,8 @@ def _identity(path: Path | None) -> tuple[int, int] | None:
     return None
 
 
-def _url(place: Path | str | None) -> sa.URL:
+def _url(place: Path | str) -> sa.URL:
     """Return the URL of a place; no error shows its password."""
-    if place is None:
-        return sa.make_url("sqlite://")
     if isinstance(place, Path):
         # No connection creates the file: a new, empty one would be mistaken for the file that was removed.
         return sa.make_url(f"sqlite:///file:{quote(str(place.absolute()))}?mode=rw&uri=true")
@@ -118,8 +115,6 @@ def _open_engine(url: sa.URL) -> sa.Engine:
     else:
         # The pool ensures that one thread at a time uses a connection.
         options = {"connect_args": {"timeout": BUSY_TIMEOUT_S, "check_same_thread": False}}
-        if url.database is None:
-            options["poolclass"] = StaticPool
     try:
         engine = sa.create_engine(url, **options)
     except ModuleNotFoundError as error:
@@ -183,6 +178,20 @@ class Table(DeclarativeBase):
     type_annotation_map = {int: sa.BigInteger, str: sa.Text}  # noqa: RUF012 - SQLAlchemy's own way
 
 
+class _OfWheel:
+    """The wheel that a row is of."""
+
+    spacecraft: Mapped[str]
+    wheel: Mapped[str]
+
+
+class _ByWheel:
+    """The wheel that a row is of, as the beginning of its key."""
+
+    spacecraft: Mapped[_Key] = mapped_column(sort_order=-1)
+    wheel: Mapped[_Key] = mapped_column(sort_order=-1)
+
+
 class RevisionRow(Table):
     """The revision of the database's tables: one row."""
 
@@ -191,7 +200,7 @@ class RevisionRow(Table):
     number: Mapped[_IntKey]
 
 
-class DiagnosisRow(Table):
+class DiagnosisRow(_OfWheel, Table):
     """One diagnosed window; unique. `message` is the diagnosis as on the bus."""
 
     __tablename__ = "diagnoses"
@@ -201,20 +210,16 @@ class DiagnosisRow(Table):
     )
 
     id: Mapped[_RowId]
-    spacecraft: Mapped[str]
-    wheel: Mapped[str]
     window_start_ns: Mapped[int]
     window_end_ns: Mapped[int]
     message: Mapped[str]
 
 
-class EstimateRow(Table):
+class EstimateRow(_ByWheel, Table):
     """One estimate of one window, kept longer than its diagnosis."""
 
     __tablename__ = "estimates"
 
-    spacecraft: Mapped[_Key]
-    wheel: Mapped[_Key]
     window_start_ns: Mapped[_IntKey]
     name: Mapped[_Key]
     window_end_ns: Mapped[int]
@@ -228,26 +233,22 @@ class EstimateRow(Table):
     active: Mapped[bool]
 
 
-class DiscrepancyRow(Table):
+class DiscrepancyRow(_ByWheel, Table):
     """The latest discrepancy report of a wheel, as on the bus."""
 
     __tablename__ = "discrepancies"
 
-    spacecraft: Mapped[_Key]
-    wheel: Mapped[_Key]
     end_ns: Mapped[int]
     message: Mapped[str]
 
 
-class WheelEventRow(Table):
+class WheelEventRow(_OfWheel, Table):
     """One audit event of the list of wheels (a wheel retired or brought back, and by whom); never changed."""
 
     __tablename__ = "wheel_events"
     __table_args__ = (sa.Index("wheel_events_by_wheel", "spacecraft", "wheel"),)
 
     id: Mapped[_RowId]
-    spacecraft: Mapped[str]
-    wheel: Mapped[str]
     event: Mapped[str]
     time_ns: Mapped[int | None]  # end of the latest window known then
     wall_ns: Mapped[int]
@@ -255,13 +256,11 @@ class WheelEventRow(Table):
     note: Mapped[str]
 
 
-class AlarmStateRow(Table):
+class AlarmStateRow(_ByWheel, Table):
     """The state machine of one alarm: its last levels, and the row of the open alarm, if any."""
 
     __tablename__ = "alarm_states"
 
-    spacecraft: Mapped[_Key]
-    wheel: Mapped[_Key]
     name: Mapped[_Key]
     recent: Mapped[str]  # levels as digits, the oldest first
     last_window_ns: Mapped[int]  # end of the last window processed
@@ -269,15 +268,13 @@ class AlarmStateRow(Table):
     alarm: Mapped[AlarmRow | None] = relationship()
 
 
-class AlarmRow(Table):
+class AlarmRow(_OfWheel, Table):
     """One alarm from when it is raised until it is closed."""
 
     __tablename__ = "alarms"
     __table_args__ = (sa.Index("alarms_open", "closed_ns"),)
 
     id: Mapped[_RowId]
-    spacecraft: Mapped[str]
-    wheel: Mapped[str]
     name: Mapped[str]
     phase: Mapped[AlarmPhase] = mapped_column(sa.Text)
     level: Mapped[int]
@@ -373,15 +370,13 @@ class MonitorState(NamedTuple):
     reason: str = ""
 
 
-class RetirementEvent(Message):
+class RetirementEvent(WheelMessage):
     """One audit event on the list of wheels: retired by a person, brought back by one, or back with its telemetry.
 
     `time_ns` is the end of the latest window that was known when it was retired, `wall_ns` the time of the event, on
     this machine's clock.
     """
 
-    spacecraft: str
-    wheel: str
     event: Literal["retired", "brought_back", "telemetry_arrived"]
     time_ns: int | None
     wall_ns: int

@@ -46,7 +46,7 @@ class History(Database):
     Parameters
     ----------
     place
-        SQLite file, made where it is missing; URL of a PostgreSQL database; None keeps everything in memory.
+        SQLite file, made where it is missing; or the URL of a PostgreSQL database.
     wall_ns
         This machine's clock [ns], for the audit trail.
 
@@ -61,7 +61,7 @@ class History(Database):
         If the database cannot be opened.
     """
 
-    def __init__(self, place: Path | str | None, wall_ns: Callable[[], int] = time.time_ns) -> None:
+    def __init__(self, place: Path | str, wall_ns: Callable[[], int] = time.time_ns) -> None:
         self._wall_ns = wall_ns
         super().__init__(place)
         self._wheels: dict[str, set[str]] = {}  # known wheels by spacecraft

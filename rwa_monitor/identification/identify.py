@@ -315,12 +315,12 @@ def _too_little(what: str, visits: Sequence[Sequence[Visit]], hours: float, time
 
 def _block_of(name: str, laws: Sequence[LearnedLaw], system: _System, base_Nm: float) -> SwitchingSystem:
     """Return the wheel-file block of a system."""
-    ranges = []
-    for q, values in enumerate(system.friction):
+    ranges = [FrictionRange(low=0.0, high=0.0)]
+    for values in system.friction[1:]:
         relative = values / base_Nm
         # The range of a sample of n falls short of the true one by about 1/(n+1) of it at each end.
-        margin = 0.0 if q == 0 else float(np.ptp(relative)) / (relative.size + 1)
-        low, high = (0.0, 0.0) if q == 0 else (float(relative.min()) - margin, float(relative.max()) + margin)
+        margin = float(np.ptp(relative)) / (relative.size + 1)
+        low, high = float(relative.min()) - margin, float(relative.max()) + margin
         ranges.append(FrictionRange(low=rounded(low, 4), high=rounded(high, 4)))
     count = len(laws)
     up = None

@@ -142,9 +142,8 @@ def open_session(options: BusOptions) -> zenoh.Session:
         raise InputError("--mode", "a client needs an endpoint to connect to (-e tcp/HOST:PORT)")
     zenoh.init_log_from_env_or("error")
     if options.mode is None and options.config is None and options.connect and not options.listen:
-        as_client = session_config(options._replace(mode="client"))
         with suppress(zenoh.ZError):  # no router answers: a peer can wait for one
-            return zenoh.open(as_client)
+            return zenoh.open(session_config(options._replace(mode="client")))
     try:
         return zenoh.open(config)
     except zenoh.ZError as error:

@@ -43,10 +43,9 @@ class Slots(Strict):
     def of(cls, ring: RingBuffer, begin: int, values_begin: int) -> Self:
         """Keep the slots from `begin` on, and the values from `values_begin` on."""
         begin, values_begin = max(begin, ring.begin), max(values_begin, ring.values_begin)
-        filled = _run_lengths(ring.is_filled(np.arange(begin, ring.end, dtype=np.int64)))
         return cls(
             begin=begin,
-            filled=filled,
+            filled=_run_lengths(ring.is_filled(np.arange(begin, ring.end, dtype=np.int64))),
             values={name: ring.read(name, values_begin, ring.end).copy() for name in ring.channels},
         )
 

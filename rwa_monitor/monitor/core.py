@@ -44,7 +44,6 @@ from rwa_monitor.telemetry.slots import (
     FrictionSource,
     RingBuffer,
     SensorValidation,
-    friction_limit,
     speed_limit,
 )
 from rwa_monitor.wheel.torque_balance import Source, motor_torque, source_of, without_motor
@@ -415,11 +414,7 @@ class Windows:
     def begin_source(self, source: Source) -> None:
         """Take friction from a source, and start with empty slots."""
         self.friction = FrictionSource(self.wheel, source)
-        # Derived friction is validated after its derivation: motor torque may be much larger than friction. The ring
-        # buffer holds the values of a piece and its surroundings only: open windows keep their own.
-        self.screen = SensorValidation(
-            speed_limit(self.wheel), float("inf") if self.friction.derived else friction_limit(self.wheel)
-        )
+        # The ring buffer holds the values of a piece and its surroundings only: open windows keep their own.
         around = PIECE_SLOTS + LAG_SLOTS + 3 * (self.friction.reach + BLOCK_SLOTS)
         self.ring = RingBuffer(self._samples + around, self.friction.optional, values_capacity=around)
         self._begin_slots()
@@ -429,7 +424,9 @@ class Windows:
         self._next_start = 0  # first slot of the next window to open
         self._last_end = 0  # first slot after the last window that was closed
         self._open: list[_OpenWindow] = []
-        self.screen.reset()
+        # Derived friction is validated after its derivation: motor torque may be much larger than friction.
+        torque_limit_Nm = float("inf") if self.friction.derived else self.friction.limit_Nm
+        self.screen = SensorValidation(speed_limit(self.wheel), torque_limit_Nm)
         self.friction.reset()
 
     def begin_epoch(self, grid: SlotGrid) -> None:

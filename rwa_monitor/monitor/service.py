@@ -141,6 +141,7 @@ class Clock(NamedTuple):
     monotonic_s: Callable[[], float] = time.monotonic
 
 
+@dataclass(eq=False)
 class Monitor:
     """Serves all wheels of a bus, one message at a time.
 
@@ -158,24 +159,19 @@ class Monitor:
         For flushing, status and measuring durations; never for a diagnosis.
     """
 
-    def __init__(
-        self,
-        options: RunOptions,
-        bus: MonitorBus,
-        recorder: Recorder | None,
-        log: Log,
-        clock: Clock,
-    ) -> None:
-        self.options = options
-        self.bus = bus
-        self.recorder = recorder
-        self.log = log
-        self.clock = clock
+    options: RunOptions
+    bus: MonitorBus
+    recorder: Recorder | None
+    log: Log
+    clock: Clock
+
+    def __post_init__(self) -> None:
+        """Begin without wheels."""
         self._served: dict[WheelKey, _Served] = {}
-        self._setup = options.setup
-        self.searches = Searches(self._setup, options.record, log)
+        self._setup = self.options.setup
+        self.searches = Searches(self._setup, self.options.record, self.log)
         self._tick_due_s = 0.0
-        self._logged: str = ""
+        self._logged = ""
 
     def begin(self, recovered: RecoveredState) -> None:
         """Continue from the state of an earlier run, and begin the recording."""

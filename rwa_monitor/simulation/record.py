@@ -58,10 +58,6 @@ class Changepoints:
     information: FloatArray
     visible: BoolArray
 
-    def __len__(self) -> int:
-        """Count the jumps."""
-        return int(self.index.size)
-
 
 @dataclass(frozen=True, slots=True)
 class Truth:

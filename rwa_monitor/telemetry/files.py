@@ -3,13 +3,14 @@
 Chunks of MCAP files (our recordings and ROS 2 bags) are unpacked here, after their sizes are checked.
 """
 
+import csv
 import os
 import struct
 import zlib
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager
 from hashlib import sha256
-from io import BufferedReader, BytesIO
+from io import BufferedReader, BytesIO, StringIO
 from pathlib import Path
 from typing import Final, cast
 
@@ -185,6 +186,13 @@ def write_text(path: Path, text: str) -> None:
     """Write a UTF-8 file at once; raises as `atomic_write` does."""
     with atomic_write(path) as part:
         part.write_text(text, encoding="utf-8", newline="\n")
+
+
+def write_rows(path: Path, rows: Iterable[Iterable[str]]) -> None:
+    """Write rows of texts as CSV, as `write_text` does."""
+    text = StringIO()
+    csv.writer(text, lineterminator="\n").writerows(rows)
+    write_text(path, text.getvalue())
 
 
 # ---- chunks of MCAP files --------------------------------------------------------------------------------------------

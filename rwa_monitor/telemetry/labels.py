@@ -27,7 +27,7 @@ from rwa_monitor.errors import InputError, MissingExtraError, did_you_mean
 from rwa_monitor.messages import ClockNs, Diagnosis, Message, Name, Verdict
 from rwa_monitor.simulation.datasets import LabelledWindow, truth_document
 from rwa_monitor.simulation.record import Truth
-from rwa_monitor.telemetry.files import companion_file, display_name, read_text, write_text
+from rwa_monitor.telemetry.files import companion_file, display_name, read_text, write_rows, write_text
 from rwa_monitor.telemetry.scores import Interval, Timeline, union
 from rwa_monitor.telemetry.table import write_parquet
 from rwa_monitor.wheel.wheel import RESERVED_ANOMALIES, built_in_wheel
@@ -106,11 +106,7 @@ def _rows(path: Path) -> Iterator[tuple[str, list[str]]]:
 
 def write_labels(rows: Sequence[Mapping[str, str]], path: Path) -> None:
     """Write a labels.csv: a row for each file, with its name under `file` and 0 or 1 under each anomaly's name."""
-    text = io.StringIO()
-    writer = csv.DictWriter(text, list(rows[0]), lineterminator="\n")
-    writer.writeheader()
-    writer.writerows(rows)
-    write_text(path, text.getvalue())
+    write_rows(path, [rows[0], *(row.values() for row in rows)])
 
 
 def _labelled_file(fields: list[str], names: list[str], labels: Path, row: str, *, must_exist: bool) -> LabelledFile:

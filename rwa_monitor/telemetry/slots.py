@@ -281,10 +281,6 @@ class SensorValidation:
     speed: Channel = field(default_factory=Channel)
     torque: Channel = field(default_factory=Channel)
 
-    def reset(self) -> None:
-        """Begin a new epoch."""
-        self.done, self.speed, self.torque = 0, Channel(), Channel()
-
     def run(self, ring: RingBuffer, stop: int, border_before: Callable[[int], int]) -> tuple[int, list[Fault]]:
         """Judge the slots up to `stop`, and mask the invalid ones in the ring buffer.
 

@@ -90,7 +90,7 @@ def simulate_system(
     system: SwitchingSystem,
     slots: int,
     rng: Generator,
-    friction_factor: float | FrictionFactor = 1.0,
+    friction_factor: FrictionFactor = lambda _slot: 1.0,
 ) -> Realisation:
     """Simulate a switching system over `slots` slots, started in its stationary law.
 
@@ -103,7 +103,7 @@ def simulate_system(
     rng
         Source of all randomness.
     friction_factor
-        The anomaly's factor on the friction of every sojourn: a number, or a function of the sojourn's first slot.
+        The anomaly's factor on the friction of every sojourn, a function of the sojourn's first slot.
 
     Returns
     -------
@@ -118,7 +118,6 @@ def simulate_system(
     if (ranges := system.friction) is None:
         problem = "is missing; a system without friction ranges cannot be simulated"
         raise InputError(f"fss {system.name}", problem, "friction")
-    factor_at = friction_factor if callable(friction_factor) else lambda _slot: friction_factor
     configuration, friction = np.empty(slots, dtype=np.int64), np.empty(slots)
     starts, start = [], 0
     q = int(rng.choice(system.configurations, p=time_law(system)))
@@ -126,7 +125,7 @@ def simulate_system(
     while True:
         sojourn = slice(start, min(start + duration, slots))
         configuration[sojourn] = q
-        friction[sojourn] = factor_at(start) * rng.uniform(ranges[q].low, ranges[q].high)
+        friction[sojourn] = friction_factor(start) * rng.uniform(ranges[q].low, ranges[q].high)
         starts.append(start)
         start += duration
         if start >= slots:

@@ -144,7 +144,7 @@ def read_message(data: bytes) -> None:
 
 @cache
 def history() -> History:
-    return History(None)
+    return History(scratch() / "history.sqlite3")
 
 
 def show(message: object) -> None:

@@ -1,6 +1,8 @@
 """A wheel beside its siblings: what all share is one alarm of the spacecraft, what one has alone comes sooner."""
 
 from collections.abc import Callable
+from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import numpy as np
 import pytest
@@ -58,7 +60,7 @@ def test_a_first_window_without_nominal_bounds_has_no_shift() -> None:
 
 def alarms_of(window_of: Callable[[int, str], Diagnosis], windows: int = 14) -> list[AlarmRecord]:
     """Return the alarms that windows of all wheels leave in a history; they change from the tenth on."""
-    with History(None) as history:
+    with TemporaryDirectory() as folder, History(Path(folder, "h.sqlite3")) as history:
         for number in range(windows):
             for wheel in WHEELS:
                 history.add(window_of(number, wheel))

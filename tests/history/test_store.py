@@ -4,6 +4,7 @@ import sqlite3
 from collections.abc import Iterator
 from itertools import permutations
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import pytest
 from hypothesis import given, settings
@@ -96,7 +97,7 @@ def test_estimates_are_kept_longer_than_diagnoses(history: History, monkeypatch:
 @settings(max_examples=30)
 @given(st.lists(st.integers(0, 14), max_size=40))
 def test_importing_in_any_order_and_again_and_again_makes_no_doubles(order: list[int]) -> None:
-    with History(None) as history:
+    with TemporaryDirectory() as folder, History(Path(folder, "h.sqlite3")) as history:
         new = [history.add(diagnosis(number, severity=1.0 if number % 3 else None))[0] for number in order]
         assert sum(new) == len(set(order))
         ends = [window.window_end_ns for window in history.windows("sat", "wheel_1")]
