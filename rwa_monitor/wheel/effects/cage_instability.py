@@ -5,6 +5,7 @@ from typing import Final
 
 import numpy as np
 from scipy import linalg, special
+from scipy.ndimage import find_objects, label
 
 from rwa_monitor.kernels.effects import forward, smooth
 from rwa_monitor.samples import BoolArray, FloatArray
@@ -16,7 +17,6 @@ BESIDE_BURST: Final = 32  # slots before and after a burst with which its drag i
 FEWEST_BESIDE: Final = 4  # slots in a burst, and around it, for a mean
 DRAG_BY_CHANCE: Final = 0.01  # largest p-value of the drag; that there are bursts is tested separately
 SHIFTS: Final = 199  # of the bursts in time, among which the drag is to be exceptional
-MEDIAN_TO_STD: Final = 1.4826  # standard deviation of a Gaussian over its median absolute deviation
 EFFICIENCY_OF_MEDIAN: Final = 1.2533  # standard deviation of a median over that of a mean, √(π/2)
 
 
@@ -73,6 +73,8 @@ class CageInstability(NoiseEffect):
 
         The residual may still hold levels. The gain is that of the noise alone, over noise that follows the speed.
         """
+        from scipy import stats
+
         usable = usable_residuals(residual_Nm, channels, good) & (channels.direction != 0)
         count = int(usable.sum())
         nothing = cls.nothing_found(count), np.zeros(residual_Nm.size, dtype=np.bool_)
@@ -84,10 +86,9 @@ class CageInstability(NoiseEffect):
         drag = _drag_of_bursts(along, usable, on)
         if drag.size < FEWEST_BURSTS or _by_chance(along, usable, on) > DRAG_BY_CHANCE:
             return nothing  # noise without drag is no cage instability
-        middle = max(float(np.median(drag)), 0.0)
-        spread = MEDIAN_TO_STD * float(np.median(np.abs(drag - middle)))
-        bursts, shaking = float(np.sqrt(drag.size)), max(int(np.count_nonzero(on)), 1)
-        values = {"strength_Nm": middle, **noise}
+        spread = float(stats.median_abs_deviation(drag, scale="normal"))
+        bursts, shaking = float(np.sqrt(drag.size)), int(np.count_nonzero(on))
+        values = {"strength_Nm": float(np.median(drag)), **noise}
         for name in ("burst_s", "quiet_s"):
             values[name] *= channels.sample_period_s
         std = dict.fromkeys(values, float("nan")) | {
@@ -109,12 +110,10 @@ class CageInstability(NoiseEffect):
 
 def _drag_of_bursts(along: FloatArray, usable: BoolArray, on: BoolArray) -> FloatArray:
     """Return the drag of each burst [N m]: its mean less that of the quiet slots around it, which removes the level."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[0], on.astype(np.int8), [0]])))
     drag = []
-    for begin, end in zip(edges[::2], edges[1::2], strict=True):
-        near = slice(max(begin - BESIDE_BURST, 0), end + BESIDE_BURST)
-        around = along[near][usable[near] & ~on[near]]
-        within = along[begin:end][usable[begin:end]]
+    for (burst,) in find_objects(label(on)[0]):
+        near = slice(max(burst.start - BESIDE_BURST, 0), burst.stop + BESIDE_BURST)
+        around, within = along[near][usable[near] & ~on[near]], along[burst][usable[burst]]
         if min(around.size, within.size) >= FEWEST_BESIDE:
             drag.append(float(within.mean() - around.mean()))
     return np.array(drag)
