@@ -37,7 +37,7 @@ from rwa_monitor.wheel.effects.jumps import DecayingJump, ViscousJump
 BLOCKS: Final = 3_000  # of a record, between which the segmentation may cut; each cut is then moved to the exact sample
 SHORTEST_BLOCKS: Final = 3  # of a segment: shorter ones are blocks that contain a jump
 MOST_CHANGES: Final = 24  # more are a law of speed, not jumps
-HELD_OUT_BLOCKS: Final = 41  # so short that each slope occurs in blocks of both parities
+HELD_OUT_BLOCKS: Final = 41  # so short that each slope occurs in blocks of both parities, if it lasts for two of them
 RATIO: Final = 1.5  # between successive time constants that are tried
 
 
@@ -242,7 +242,8 @@ def _fitted_curve(basis: _Basis, values: FloatArray, begin: int, end: int, at: I
 def _merged_changes(basis: _Basis, values: FloatArray, first: IntArray, price: float) -> IntArray:
     """Return where the multiple changes: neighbours are merged while a common multiple costs less than a change does.
 
-    Of drag that relaxes, only upward jumps: a pocket of oil that is run over adds drag.
+    Slopes of so few samples that they need not occur in two of the blocks held out are merged, too. Of drag that
+    relaxes, only upward jumps: a pocket of oil that is run over adds drag.
     """
     n, x, z, xx, xz, _ = _sums(basis, values, first, values.size)
     energy = np.maximum(xx - x * x / n, LOST_DIGITS * xx.max())  # relative to each segment's beginning
@@ -250,10 +251,15 @@ def _merged_changes(basis: _Basis, values: FloatArray, first: IntArray, price: f
     step = np.eye(first.size) - np.diag(basis.keep(first), -1)
     change, covariance = step @ ((xz - x * z / n) / energy), (step / energy) @ step.T
     given = 0 if basis.relaxes else 1  # multiples that are no changes: before the first jump there is nothing to relax
+    shortest = 0 if basis.relaxes else 2 * values.size // HELD_OUT_BLOCKS
     while first.size > given:
         costs = change[given:] ** 2 / covariance.diagonal()[given:]
+        short = np.diff(first, append=values.size) < shortest
+        beside = short[given:] | short[: first.size - given]
+        if beside.any():
+            costs[~beside] = np.inf
         i = given + int(np.argmin(costs))
-        if costs[i - given] >= price:
+        if costs[i - given] >= price and not beside.any():
             break
         share = covariance[i] / covariance[i, i]
         change, first = np.delete(change - share * change[i], i), np.delete(first, i)

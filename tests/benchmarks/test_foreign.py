@@ -51,6 +51,8 @@ JUMPS = {
     "heavy_tailed_noise": [(25, 37)],
     # Two bursts; and noise that grows by 60 %, beside outliers at reversals that no law of the noise fits.
     "cage_instability": [(37, 5), (39, 12)],
+    # Viscous friction that jumps by a twentieth at times of its own; beside jumps of the level, short slopes fit, too.
+    "viscous_jump": [(34, 12), (40, 2)],
 }
 
 
