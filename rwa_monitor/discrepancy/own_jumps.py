@@ -153,7 +153,9 @@ def _best_with(fitting: Fitting, model: Model, simpler: Model, bases: Sequence[_
         terms = [term for basis in bases if (term := _segmented(basis, start)) is not None]
         rough = [fitting.refitted_roughly((*start.terms, x), start, [off_steps(x, start.fit.jumps)]) for x in terms]
         best = min(rough, key=lambda one: one.score, default=start)
-        if start.score - best.score > LEAST_GAIN_SHARE * max(start.score - model.score, 0.0):
+        # The start's noise law contains what is missing: with it, so many jumps may be worth less than their penalty.
+        lost = fitting.problem.log_size * best.terms[-1].parameters if rough else 0.0
+        if start.score - best.score + lost > LEAST_GAIN_SHARE * max(start.score - model.score, 0.0):
             found.append(prune(fitting, fitting.refined(best), keep_last=True))
     return min(found, key=lambda one: one.score, default=model)
 
