@@ -5,7 +5,6 @@ from typing import Final
 
 import numpy as np
 from scipy import linalg, special
-from scipy.ndimage import find_objects, label
 
 from rwa_monitor.kernels.effects import forward, smooth
 from rwa_monitor.samples import BoolArray, FloatArray
@@ -110,6 +109,8 @@ class CageInstability(NoiseEffect):
 
 def _drag_of_bursts(along: FloatArray, usable: BoolArray, on: BoolArray) -> FloatArray:
     """Return the drag of each burst [N m]: its mean less that of the quiet slots around it, which removes the level."""
+    from scipy.ndimage import find_objects, label
+
     drag = []
     for (burst,) in find_objects(label(on)[0]):
         near = slice(max(burst.start - BESIDE_BURST, 0), burst.stop + BESIDE_BURST)
