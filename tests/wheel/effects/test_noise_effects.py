@@ -187,10 +187,9 @@ def test_two_bursts_are_a_cage_if_they_drag(drags: bool) -> None:
     rng, channels = np.random.default_rng(6), rich_motion(SLOTS)
     middle = np.flatnonzero(np.abs(np.abs(channels.speed_rad_s) - 60.0) < 6.0)
     passes = np.split(middle, np.flatnonzero(np.diff(middle) > 1) + 1)
-    noise = noise_of(channels, rng, "levels" if drags else "white")
+    noise, louder = noise_of(channels, rng, "levels"), 4.0 * noise_of(channels, rng, "white")
     for one in sorted(passes, key=len)[-2:]:
-        noise[one] *= 4.0
-        noise[one] += drags * 4.0 * BURST_NOISE_NM * channels.direction[one]
+        noise[one] += louder[one] + drags * 4.0 * BURST_NOISE_NM * channels.direction[one]
     fit, on = CageInstability.fit_bursts(noise, channels, channels.good)
     assert (fit.penalised_gain > 25.0) == drags
     assert on.any() == drags
