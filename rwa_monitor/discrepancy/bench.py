@@ -34,7 +34,8 @@ WINDOW_SHARE: Final = 0.1  # of the recording: the longest window for dω/dt
 LEAST_HALF: Final = 2  # rows on each side from which dω/dt is estimated, at least
 MOST_HALF: Final = 200  # rows on each side, at most
 LONGEST_BRIDGE: Final = 4.0  # median steps between two rows over which values are interpolated
-MAX_GAP_FACTOR: Final = 4  # a record may hold at most this many of its steps per sample; sparser ones are wrong files
+MAX_GAP_FACTOR: Final = 4  # steps per sample where friction is derived: a longer gap leaves no slope of the speed
+SPARSEST: Final = 64  # steps per sample: sparser recordings are wrong files
 BREAK: Final = 50.0  # times the running median of the steps, above which a step is a break
 STEPS_AROUND: Final = 11  # steps of that running median
 SHORTEST_SEGMENT: Final = 16  # rows between two breaks; shorter segments carry no information on friction
@@ -165,7 +166,7 @@ def _segments(recordings: Sequence[tuple[str, Samples]], wheel: Wheel) -> tuple[
     for name, samples in recordings:
         steps = np.diff(samples.time_ns)
         step_ns = min(float(np.median(steps)), wheel.period_ns) if steps.size else wheel.period_ns
-        sparse = float(steps.sum()) > MAX_GAP_FACTOR * step_ns * len(samples)
+        sparse = float(steps.sum()) > most_steps_per_sample(samples) * step_ns * len(samples)
         whole = sparse or wheel.friction.motor_off
         apart = whole if is_even(samples.time_ns) else samples.friction_torque_Nm is None
         after = np.zeros(0, dtype=np.int64)
@@ -184,6 +185,11 @@ def _segments(recordings: Sequence[tuple[str, Samples]], wheel: Wheel) -> tuple[
         if left := len(samples) - sum(map(len, kept)):
             notes[-1] += f"; {counted(left, 'row')} in stretches of fewer than {SHORTEST_SEGMENT} left out"
     return found, notes
+
+
+def most_steps_per_sample(samples: Samples) -> int:
+    """Return how many of its steps a recording may hold per sample: more where friction is given, or steps uneven."""
+    return MAX_GAP_FACTOR if samples.friction_torque_Nm is None and is_even(samples.time_ns) else SPARSEST
 
 
 def _is_on_grid(samples: Samples, wheel: Wheel) -> bool:

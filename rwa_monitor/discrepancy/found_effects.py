@@ -73,14 +73,14 @@ def _checked_against_viscous(viscous: float, parameters: dict[str, ParameterValu
 
 
 def _with_unmeasured_equivalent(problem: Problem, effect: FoundEffect, cause: str) -> FoundEffect:
-    """Add `cause` to an effect's equivalents where all data are at one speed and no channel that `cause` needs exists.
+    """Add `cause` to an effect's equivalents where no channel that `cause` needs exists.
 
     Viscosity that falls as the bearing warms changes drag in proportion to speed, running-in changes it at any speed:
-    at one speed the two are the same curve over time.
+    at one speed the two are the same curve over time, and only there is the cause added.
     """
-    if not cause or not problem.at_one_speed or cause in effect.equivalent:
+    other = CATALOGUE.get(cause)
+    if other is None or (other.shows_at_one_speed and not problem.at_one_speed) or cause in effect.equivalent:
         return effect
-    other = CATALOGUE[cause]
     if any(getattr(record.channels, channel) is not None for record in problem.records for channel in other.needs):
         return effect
     return replace(effect, equivalent=(*effect.equivalent, cause), separate_by=other.separate_by)

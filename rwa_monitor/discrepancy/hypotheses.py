@@ -148,8 +148,10 @@ def _smoothed(channels: Channels) -> Channels:
     width = max(len(channels) // SLOW_WINDOWS, 3) | 1
     known = np.isfinite(channels.speed_rad_s)
     filled = np.interp(np.arange(known.size), np.flatnonzero(known), channels.speed_rad_s[known])
-    speed, rate = (savgol_filter(filled, width, 2, deriv=order, delta=channels.sample_period_s) for order in (0, 1))
-    return replace(channels, speed_rad_s=speed, acceleration_rad_s2=rate)
+    speed, rate, bend = (
+        savgol_filter(filled, width, 2, deriv=order, delta=channels.sample_period_s) for order in (0, 1, 2)
+    )
+    return replace(channels, speed_rad_s=speed, acceleration_rad_s2=rate, acceleration_rate_rad_s3=bend)
 
 
 def _is_law_of_speed(problem: Problem, effect: type[MeanEffect], shape: dict[str, float]) -> bool:

@@ -23,7 +23,7 @@ from scipy.ndimage import binary_dilation, correlate1d, maximum_filter1d
 from scipy.signal import savgol_filter
 
 from rwa_monitor.discrepancy import alignment
-from rwa_monitor.discrepancy.bench import MAX_GAP_FACTOR, WINDOW_SHARE, is_even, with_turns
+from rwa_monitor.discrepancy.bench import WINDOW_SHARE, most_steps_per_sample, with_turns
 from rwa_monitor.discrepancy.derived_friction import Motion, Steps, derived_friction, spread_of_differences, steps_of
 from rwa_monitor.discrepancy.plausible import (
     MeasuredConstant,
@@ -41,7 +41,6 @@ from rwa_monitor.wheel.effects.tachometer import ReadZone, quantisation_step, re
 from rwa_monitor.wheel.torque_balance import Source, half_width, motor_torque, source_of
 from rwa_monitor.wheel.wheel import TemperatureRange, Wheel
 
-MAX_UNEVEN_FACTOR: Final = 64  # the limit where the clock is uneven and each row has a short slot of its own (`bench`)
 MIN_REST_SLOTS: Final = 8  # a shorter stay near zero counts as a zero crossing
 # Of the median speed: in a coarsely sampled record, neighbours differ by the motion and not by noise.
 LARGEST_SPEED_NOISE: Final = 0.02
@@ -325,6 +324,7 @@ def _channels(
         sample_period_s=wheel.sample_period_s,
         good=np.isfinite(speed) & np.isfinite(friction),
         motor_torque_rate_Nm_s=(None if torque is None else _from_neighbours(torque, 1) / wheel.sample_period_s),
+        acceleration_rate_rad_s3=_bend(speed, slope) / wheel.sample_period_s**2 if torque is None else None,
         measured_angle_rad=measured,
         bus_voltage_V=_smoothed_slow_channel(_on_grid(samples.bus_voltage_V, slot)),
     )
@@ -415,8 +415,9 @@ def _slots_of(samples: Samples, wheel: Wheel, source: str) -> IntArray:
     slot = SlotGrid(int(samples.time_ns[0]), wheel.period_ns).slot_of(samples.time_ns)
     count = int(slot[-1]) + 1
     step_ns = float(np.median(np.diff(samples.time_ns, prepend=samples.time_ns[0])))
-    most = MAX_GAP_FACTOR if is_even(samples.time_ns) else MAX_UNEVEN_FACTOR
-    if count > most * len(samples) * max(step_ns / wheel.period_ns, 1.0):  # another recording may have shorter steps
+    if count > most_steps_per_sample(samples) * len(samples) * max(
+        step_ns / wheel.period_ns, 1.0
+    ):  # another recording may have shorter steps
         raise InputError(
             source,
             f"{len(samples)} samples span {count} slots of {wheel.sample_period_s} s: most of the recording is missing;"
@@ -494,6 +495,20 @@ def _slope(speed: FloatArray, hole: int, reach: int, corners: BoolArray) -> Floa
     )
     slope = np.where(ahead & ~behind, before, slope)
     return np.where(behind & ~ahead, after, slope)
+
+
+def _bend(speed: FloatArray, slope: FloatArray) -> FloatArray:
+    """Return the second derivative of the speed per slot², float64 (n,), never from the slot itself.
+
+    From the slope per slot, in which there is little noise; where that misses more of the motion than noise would
+    differ by, from the two slots on each side, NaN where one of them is unknown.
+    """
+    weights = np.array([1.0, -1.0, 0.0, -1.0, 1.0]) / 3.0
+    nearest: FloatArray = correlate1d(speed, weights, mode="constant", cval=np.nan)
+    usual, known = np.gradient(slope), np.isfinite(nearest)
+    noise = float(weights @ weights) * _noise_of_differences(speed)
+    missed = float(np.sum((nearest - usual) ** 2, where=known))
+    return nearest if missed > 2.0 * noise * _count(known) else usual
 
 
 def _corners(speed: FloatArray, reach: int) -> BoolArray:

@@ -77,7 +77,7 @@ def test_rest_is_left_out_but_crossings_stay() -> None:
     [
         (replace(PLAIN, friction_torque_Nm=None), r"^poor: friction_torque_Nm is missing.*motor_off$"),
         (IN_RPM, "wrong unit"),
-        (replace(PLAIN, time_ns=PLAIN.time_ns + 50 * PLAIN.time_ns[-1] * (PLAIN.time_ns > 0)), "recording is missing"),
+        (replace(PLAIN, time_ns=PLAIN.time_ns + 100 * PLAIN.time_ns[-1] * (PLAIN.time_ns > 0)), "recording is missing"),
     ],
 )
 def test_a_table_without_friction_in_other_units_or_far_too_sparse_is_refused(poor: Samples, words: str) -> None:

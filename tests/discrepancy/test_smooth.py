@@ -23,7 +23,7 @@ from rwa_monitor.discrepancy.result import FoundEffect, Search
 from rwa_monitor.discrepancy.search import search
 from rwa_monitor.samples import Samples
 from rwa_monitor.wheel.wheel import Limits, Nominal, Wheel
-from tests.discrepancy.simple import DRY_NM, NOISE_NM, PERIOD_S, VISCOUS, WHEEL, record, sampled, swing
+from tests.discrepancy.simple import DRY_NM, NOISE_NM, PERIOD_S, VISCOUS, WHEEL, Array, record, sampled, swing
 from tests.discrepancy.smooth import (
     CORRELATIONS,
     COUNT,
@@ -33,6 +33,7 @@ from tests.discrepancy.smooth import (
     problem_of,
     reversals,
     smooth_record,
+    two_sines,
 )
 
 QUADRATIC: Final = 2.0e-8  # N m s²/rad²: a third of all friction at the top
@@ -101,6 +102,38 @@ def test_what_drives_the_wheel_is_named_where_dry_friction_seems_negative(direct
     assert parameters.keys() == {"quadratic_drag", "torque_bias"}
     bias = parameters["torque_bias"]["strength_Nm"]
     assert bias.value == pytest.approx(wind + direction * DRY_NM, rel=0.1)  # what dry friction holds of it is not seen
+
+
+def test_a_drive_that_lags_the_torque_asked_of_it_is_named() -> None:
+    """Friction is that torque less J dω/dt, as a test bench without a current sensor derives it."""
+    inertia, lag_s, time_s = 2.0e-3, 0.05, np.arange(COUNT) * PERIOD_S
+
+    def motion(time_s: Array, derivative: int) -> Array:
+        """Return two sines about zero [rad/s], or their derivative."""
+        turns = np.array([[0.05], [0.11]]) * 2 * np.pi
+        return np.asarray(
+            np.sum([[90.0], [60.0]] * turns**derivative * np.sin(turns * time_s + derivative * np.pi / 2), 0)
+        )
+
+    speed, later = motion(time_s, 0), motion(time_s + lag_s, 0)
+    ahead = inertia * (motion(time_s + lag_s, 1) - motion(time_s, 1))
+    friction = np.sign(later) * DRY_NM + VISCOUS * later
+    found = answer(smooth_record(speed, friction - np.sign(speed) * DRY_NM - VISCOUS * speed + ahead, seed=6))
+    assert_strength(found, {"drive_lag": inertia * lag_s, "current_delay": lag_s})
+
+
+@pytest.mark.parametrize("late", [1, 2])
+def test_noise_of_the_speed_that_a_controller_feeds_back_is_no_lag(late: int) -> None:
+    rng = np.random.default_rng(7)
+    noise, speed = rng.normal(0.0, 0.05, 2000), reversals(2000)
+    friction = np.sign(speed) * DRY_NM + VISCOUS * speed - NOISE_NM * np.roll(noise, late) / 0.05
+    assert not mean_effects(answer(sampled(speed + noise, friction + rng.normal(0.0, 0.2 * NOISE_NM, 2000))))
+
+
+def test_rows_that_a_user_left_out_are_no_reason_to_refuse_given_friction() -> None:
+    speed, kept = two_sines(8 * COUNT), np.random.default_rng(8).random(8 * COUNT) < 0.1
+    found = answer(smooth_record(speed, QUADRATIC * speed * np.abs(speed), seed=9)[kept])
+    assert_strength(found, {"quadratic_drag": QUADRATIC})
 
 
 @pytest.mark.parametrize("breakaway", [5.0, 10.0])

@@ -52,6 +52,8 @@ class Channels:
     motor_torque_rate_Nm_s
         d(K_T·I)/dt [N m/s], from neighbours that exclude every sample entering the friction of the slot; None where
         it was not computed: `current_delay` then takes a backward difference of `motor_torque_Nm`.
+    acceleration_rate_rad_s3
+        d²ω/dt² [rad/s³], likewise; None where it was not computed, and where there is a motor torque in a search.
     measured_angle_rad
         The wheel's angle as measured [rad]; None where it is the speed's integral.
     bus_voltage_V
@@ -71,6 +73,7 @@ class Channels:
     bearing_temperature_degC: FloatArray | None = None
     dry_level_Nm: FloatArray | None = None
     motor_torque_rate_Nm_s: FloatArray | None = None
+    acceleration_rate_rad_s3: FloatArray | None = None
     measured_angle_rad: FloatArray | None = None
     bus_voltage_V: FloatArray | None = None
     averaged: bool = False
@@ -324,7 +327,9 @@ class MeanEffect(Effect):
     scales_with_viscous: ClassVar[bool] = False
     # True where it makes the viscous friction follow the bearing's temperature.
     follows_temperature: ClassVar[bool] = False
-    # The effect that it mimics at one speed where a channel of that effect is not measured; "" without one.
+    # Channels with which another effect takes its place.
+    superseded_by: ClassVar[frozenset[str]] = frozenset()
+    # The effect that it mimics where a channel of that effect is not measured; "" without one.
     unmeasured_cause: ClassVar[str] = ""
     # Penalty of its choice in a search, as a deviance [-]: 2·ln of the number of its kind, or of the odds against it.
     choice_deviance: ClassVar[float] = 0.0

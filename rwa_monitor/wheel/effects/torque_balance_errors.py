@@ -175,12 +175,58 @@ class CurrentDelay(MeanEffect):
         """
         if channels.motor_torque_rate_Nm_s is not None:
             return stack(channels.motor_torque_rate_Nm_s), None
-        state, motor_torque = begun(memory, np.nan, 0.0), channels.optional("motor_torque_Nm")
-        rate = np.full(motor_torque.size, np.nan)
-        at, since = since_last(channels.good & np.isfinite(motor_torque), state[1:])
-        if at.size:
-            there = motor_torque[at]
-            rate[at] = (there - np.append(state[0], there[:-1])) / (since * channels.sample_period_s)
-            rate[at[0]] = 0.0 if np.isnan(state[0]) else rate[at[0]]
-            state[0] = there[-1]
-        return stack(rate), state
+        return _backward_difference(channels.optional("motor_torque_Nm"), channels, memory)
+
+
+class DriveLag(MeanEffect):
+    """A drive that follows the torque asked of it with a lag.
+
+    Friction that is given without a motor torque was derived from one, often the torque or the voltage that the drive
+    is asked for. What acts on the rotor is that of some time d before: inductance, filters and sampling delay it. To
+    first order in d the part J dω/dt that accelerates the rotor is off by d J d²ω/dt²; the friction's own share of the
+    motor torque is neglected. Where a motor torque is recorded, a search tries `current_delay` instead.
+
+    What shows it
+    -------------
+    A torque that follows d²ω/dt², at the beginning and the end of slews, in proportion to the change of dω/dt.
+
+    See Also
+    --------
+    current_delay, inertia_error, presliding
+
+    References
+    ----------
+    Taylor expansion of the torque balance, as of `current_delay`, whose form it has where the motor torque is measured.
+    """
+
+    name = "drive_lag"
+    title = "Drive lags the torque asked of it"
+    follows_acceleration = True
+    superseded_by = CurrentDelay.needs
+    unmeasured_cause = CurrentDelay.name
+    formula = r"\tau = d J\, \ddot\omega, \qquad d \geq 0"
+    separate_by = "The motor's current in place of the torque asked for; ramps of the speed of different steepness."
+    not_exported = CurrentDelay.not_exported
+    parameters: ClassVar[tuple[Parameter, ...]] = (
+        Parameter("strength_kg_m2_s", "kg m² s", 0.0, np.inf, 5.0e-5, linear=True),
+    )
+
+    @classmethod
+    def columns(cls, channels: Channels, shape: Shape, memory: Memory = None) -> tuple[FloatArray, Memory]:
+        """Return d²ω/dt², from neighbours in the search, else a backward difference; see `CurrentDelay.columns`."""
+        if channels.acceleration_rate_rad_s3 is not None:
+            return stack(channels.acceleration_rate_rad_s3), None
+        return _backward_difference(channels.acceleration_rad_s2, channels, memory)
+
+
+def _backward_difference(values: FloatArray, channels: Channels, memory: Memory) -> tuple[FloatArray, Memory]:
+    """Return the rate of a channel from the usable slot before, (n, 1), and the last value with the slots since."""
+    state = begun(memory, np.nan, 0.0)
+    rate = np.full(values.size, np.nan)
+    at, since = since_last(channels.good & np.isfinite(values), state[1:])
+    if at.size:
+        there = values[at]
+        rate[at] = (there - np.append(state[0], there[:-1])) / (since * channels.sample_period_s)
+        rate[at[0]] = 0.0 if np.isnan(state[0]) else rate[at[0]]
+        state[0] = there[-1]
+    return stack(rate), state

@@ -20,6 +20,7 @@ UNITS = {
     "_Nm_s_rad": "N m s/rad",
     "_Nm_s": "N m/s",
     "_Nm": "N m",
+    "_kg_m2_s": "kg m² s",
     "_kg_m2": "kg m²",
     "_s_rad": "s/rad",
     "_rad_s": "rad/s",

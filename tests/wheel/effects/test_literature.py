@@ -149,6 +149,16 @@ def test_current_delay(motion: Channels, shift_s: float) -> None:
     assert slope == pytest.approx(1.0, abs=0.05)
 
 
+def test_drive_lag(motion: Channels) -> None:
+    asked = literature.shifted_current(INERTIA_KG_M2 * motion.acceleration_rad_s2, PERIOD_S, 0.02)
+    rate = np.gradient(motion.acceleration_rad_s2, PERIOD_S)
+    exact = torque("drive_lag", replace(motion, acceleration_rate_rad_s3=rate), strength_kg_m2_s=0.02 * INERTIA_KG_M2)
+    ours = torque("drive_lag", motion, strength_kg_m2_s=0.02 * INERTIA_KG_M2)
+    inner = slice(2, -2)
+    assert np.corrcoef(ours[inner], asked[inner])[0, 1] > 0.95  # half of a slot earlier
+    assert np.sum(exact[inner] * asked[inner]) / np.sum(asked[inner] ** 2) == pytest.approx(1.0, abs=0.05)
+
+
 def test_torque_ripple(motion: Channels) -> None:
     amplitudes, phases = (3e-4, 1e-4), (0.7, -1.1)
     ours = torque(
