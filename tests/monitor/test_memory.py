@@ -4,7 +4,7 @@ import gc
 import tracemalloc
 from collections.abc import Iterator
 from contextlib import closing, contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import _lru_cache_wrapper
 from pathlib import Path
 from threading import Event
@@ -31,14 +31,10 @@ class Sending(Driven):
     sent_bytes: int = 0
 
     def send(self, wheels: int, messages: range) -> None:
-        """Send messages of each wheel, simulated once and repeated with later times."""
-        slots = 40 * MESSAGE
+        """Send messages of each wheel."""
         for number in messages:
-            turn, start = divmod(number * MESSAGE, slots)
-            part = telemetry(slots)[start : start + MESSAGE]
-            shift_ns = turn * slots * wheel().period_ns
+            payload = samples_json(telemetry(104 * MESSAGE)[number * MESSAGE : (number + 1) * MESSAGE], "p", number)
             for place in range(wheels):
-                payload = samples_json(replace(part, time_ns=part.time_ns + shift_ns), "p", number)
                 self.monitor.receive(Arrival(f"rwa/sat/wheel_{place}/samples", payload))
                 self.sent_bytes += len(payload)
             self.now_s += PERIOD_S

@@ -184,12 +184,11 @@ BY_SHARDS = [{"shard": (1, 2)}, {"shard": (2, 2)}]
 
 @pytest.mark.parametrize(("parts", "left_out"), [(BY_KEYS, {"three/w2"}), (BY_SHARDS, set())], ids=["keys", "shards"])
 def test_monitors_apart_by_keys_or_shards_serve_each_wheel_once_and_no_other(
-    parts: list[dict[str, Any]], left_out: set[str]
+    parts: list[dict[str, Any]], left_out: set[str], session: zenoh.Session, listener: Listener
 ) -> None:
     samples = telemetry(WINDOW + 20)
     names = {f"{spacecraft}/{wheel}" for spacecraft in ("one", "two", "three") for wheel in ("w1", "w2")}
-    with open_session(BusOptions()) as session, ExitStack() as monitors:
-        listener = Listener(session)
+    with ExitStack() as monitors:
         logs = [monitors.enter_context(monitor(session, options(**part))) for part in parts]
         publish({f"rwa/{name}/samples": samples for name in names}, session, speed=math.inf, linger_s=0.0)
         served = sorted(f"rwa/{name}/diagnosis" for name in names - left_out)
@@ -236,7 +235,8 @@ def _windows_told(session: zenoh.Session) -> int:
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_it_stops_at_once_while_data_flows(tmp_path: Path, wheel_file: Path, number: signal.Signals) -> None:
     endpoint, folder = f"tcp/127.0.0.1:{free_port()}", tmp_path / "recordings"
-    payloads = [samples_json(part, "load", batch) for batch, part in enumerate(_endless(telemetry(4 * WINDOW), 400))]
+    samples = telemetry(400 * 256)
+    payloads = [samples_json(samples[256 * batch : 256 * (batch + 1)], "load", batch) for batch in range(400)]
     with (
         open_session(BusOptions(listen=(endpoint,))) as session,
         process("run", "--wheel", wheel_file, "--record", folder, "-e", endpoint, until="monitoring") as child,
@@ -267,17 +267,6 @@ def test_it_stops_at_once_while_data_flows(tmp_path: Path, wheel_file: Path, num
     assert status == 0
     assert took_s < SLACK * STOP_S
     assert replay(folder).bytes_equal
-
-
-def _endless(samples: Samples, count: int) -> Iterator[Samples]:
-    """Cut samples into messages over and over, the time going on."""
-    length_ns = len(samples) * 125_000_000
-    for number in range(count):
-        start = number * 256 % len(samples)
-        part = samples[start : start + 256]
-        yield Samples(
-            part.time_ns + number * 256 // len(samples) * length_ns, part.speed_rad_s, part.friction_torque_Nm
-        )
 
 
 # ---- what a supervisor receives from the monitor ---------------------------------------------------------------------
