@@ -5,6 +5,7 @@ monitors send them.
 """
 
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -24,17 +25,10 @@ from tests.monitor.processes import wait_for
 HEARD = MonitorState("sat", "wheel_1", silent=False, time_ns=START_NS)
 
 
-class Clock:
-    def __init__(self) -> None:
-        self.s = 1000.0
-
-    def __call__(self) -> float:
-        return self.s
-
-
-def watch(expected: dict[tuple[str, str], bool]) -> tuple[MonitorWatch, Clock]:
-    clock = Clock()
-    return MonitorWatch(30.0, expected, clock, lambda: START_NS + int(clock.s * 1e9)), clock
+def watch(expected: dict[tuple[str, str], bool], silent_s: float = 30.0) -> tuple[MonitorWatch, SimpleNamespace]:
+    """Return a watch, and its clock."""
+    clock = SimpleNamespace(s=1000.0)
+    return MonitorWatch(silent_s, expected, lambda: clock.s, lambda: START_NS + int(clock.s * 1e9)), clock
 
 
 def test_silence_is_news_once_and_so_is_a_status() -> None:
@@ -61,7 +55,7 @@ def test_no_monitor_is_expected_for_a_retired_wheel_nor_where_no_alarm_is_wanted
     clock.s += 31.0
     assert monitors.changes({("sat", "wheel_1")}, "") == []
     assert monitors.changes((), "")
-    monitors = MonitorWatch(0.0, {("sat", "wheel_1"): False}, clock)
+    monitors, clock = watch({("sat", "wheel_1"): False}, silent_s=0.0)
     clock.s += 31.0
     monitors.take_status("sat", "wheel_2", None)
     assert monitors.changes((), "") == []

@@ -176,13 +176,6 @@ GOOD, BAD = (f"#/browse/rwa:fleet/rwa:{wheel}/rwa:{wheel}" for wheel in ("sat,wh
 FAULTS = "#/browse/faults.taxonomy:faultManagement.view"
 
 
-class Quiet(SimpleHTTPRequestHandler):
-    """Serves a folder, and logs nothing."""
-
-    def log_message(self, *arguments: Any) -> None:
-        pass
-
-
 @pytest.fixture
 def origin(tmp_path: Path) -> Iterator[str]:
     """Serve the plugin's folder, Open MCT installed in it as `npm install` does there."""
@@ -191,7 +184,7 @@ def origin(tmp_path: Path) -> Iterator[str]:
     folder = tmp_path / "openmct"
     shutil.copytree(PLUGIN, folder)
     (folder / "node_modules").symlink_to(INSTALLED)
-    with ThreadingHTTPServer(("127.0.0.1", 0), partial(Quiet, directory=str(folder))) as server:
+    with ThreadingHTTPServer(("127.0.0.1", 0), partial(SimpleHTTPRequestHandler, directory=str(folder))) as server:
         thread = Thread(target=server.serve_forever)
         thread.start()
         yield f"http://127.0.0.1:{server.server_port}"

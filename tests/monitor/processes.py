@@ -152,13 +152,15 @@ def free_udp() -> UdpAddress:
 
 
 @contextmanager
-def monitor(session: zenoh.Session, run_options: RunOptions) -> Iterator[list[str]]:
-    """Run the monitor in a thread on an embedded session; yields its log."""
+def monitor(
+    session: zenoh.Session, run_options: RunOptions, log: Callable[[str], None] = lambda _: None, **others: Any
+) -> Iterator[list[str]]:
+    """Run the monitor in a thread on an embedded session; yields its log, each line of which goes to `log` as well."""
     stop, log_lines, failed = Event(), [], []
 
     def target() -> None:
         try:
-            run(run_options, stop, session=session, log=log_lines.append)
+            run(run_options, stop, session=session, log=lambda line: (log_lines.append(line), log(line)), **others)
         except BaseException as error:  # noqa: BLE001 - reported to the test below
             failed.append(error)
 

@@ -27,7 +27,7 @@ from rwa_monitor.monitor.bus import BusOptions, SamplesPublisher, open_session
 from rwa_monitor.monitor.recorder import locked
 from rwa_monitor.monitor.recording import read_chain
 from rwa_monitor.monitor.replay import replay
-from rwa_monitor.monitor.service import Supervisor, run
+from rwa_monitor.monitor.service import Supervisor
 from rwa_monitor.samples import Samples
 from rwa_monitor.telemetry.table import read_table
 from rwa_monitor.words import SOFTWARE
@@ -343,8 +343,10 @@ def test_a_supervisor_gets_notice_of_a_start_a_standstill_and_a_stop(
     assert ear.listen()[-1] == "STOPPING=1"
 
 
-def test_signs_of_life_stop_when_the_core_stalls_although_the_process_lives(ear: Ear) -> None:
-    stop, stalls, goes_on = Event(), Event(), Event()
+def test_signs_of_life_stop_when_the_core_stalls_although_the_process_lives(
+    ear: Ear, session: zenoh.Session, listener: Listener
+) -> None:
+    stalls, goes_on = Event(), Event()
 
     def log(line: str) -> None:
         """Stall as a terminal does whose reader has stopped reading."""
@@ -352,32 +354,23 @@ def test_signs_of_life_stop_when_the_core_stalls_although_the_process_lives(ear:
             stalls.set()
             goes_on.wait(60.0)
 
-    with open_session(BusOptions()) as session:
-        listener = Listener(session)
-        arguments: dict[str, Any] = {"session": session, "log": log, "supervisor": Supervisor(ear.environment)}
-        thread = Thread(target=run, args=(options(), stop), kwargs=arguments)
-        thread.start()
-        try:
-            wait_for(ear.signs, "a sign of life")
-            samples = telemetry(900)
-            for number in (0, 2, 3, 4, 5, 6, 7):  # number 1 is given up
-                session.put(KEY, samples_json(samples[100 * number : 100 * number + 100], "p", number))
-            assert stalls.wait(60.0)
-            session.put("rwa/test/stalled/mark", b"")  # by then all has arrived that was published before it
-            wait_for(lambda: bool(listener.kind("mark")), "what was published before")
-            statuses = len(listener.kind("status"))
-            assert ear.signs_during(QUIET_S) == 0
-            assert len(listener.kind("status")) == statuses
-            assert _tokens(session) == 1  # the process is there
-            goes_on.set()
-            wait_for(lambda: len(listener.kind("status")) > statuses, "a status")
-            signs = ear.signs()
-            wait_for(lambda: ear.signs() > signs, "a sign of life")
-        finally:
-            goes_on.set()
-            stop.set()
-            thread.join(60.0)
-        assert _tokens(session) == 0
+    with monitor(session, options(), log, supervisor=Supervisor(ear.environment)):
+        wait_for(ear.signs, "a sign of life")
+        samples = telemetry(900)
+        for number in (0, 2, 3, 4, 5, 6, 7):  # number 1 is given up
+            session.put(KEY, samples_json(samples[100 * number : 100 * number + 100], "p", number))
+        assert stalls.wait(60.0)
+        session.put("rwa/test/stalled/mark", b"")  # by then all has arrived that was published before it
+        wait_for(lambda: bool(listener.kind("mark")), "what was published before")
+        statuses = len(listener.kind("status"))
+        assert ear.signs_during(QUIET_S) == 0
+        assert len(listener.kind("status")) == statuses
+        assert _tokens(session) == 1  # the process is there
+        goes_on.set()
+        wait_for(lambda: len(listener.kind("status")) > statuses, "a status")
+        signs = ear.signs()
+        wait_for(lambda: ear.signs() > signs, "a sign of life")
+    assert _tokens(session) == 0
 
 
 def _tokens(session: zenoh.Session) -> int:

@@ -6,11 +6,11 @@ from pathlib import Path
 from threading import Event
 
 import pytest
+import zenoh
 
 from rwa_monitor.dashboard.server import DashboardOptions, serve
 from rwa_monitor.errors import InputError
 from rwa_monitor.messages import EncodedMessage, SamplesMessage, samples_json, split_key
-from rwa_monitor.monitor.bus import BusOptions, open_session
 from rwa_monitor.monitor.core import WheelCore
 from rwa_monitor.monitor.recorder import RecordingWriter
 from rwa_monitor.monitor.replay import run_recording
@@ -105,12 +105,11 @@ REQUESTS = (
 )
 
 
-def test_the_page_serves_nothing_outside_its_folders(tmp_path: Path) -> None:
+def test_the_page_serves_nothing_outside_its_folders(session: zenoh.Session, tmp_path: Path) -> None:
     folder = tmp_path / "recordings"
     folder.mkdir()
     (tmp_path / "outside.mcap").write_bytes(b"\x89MCAP0\r\n")
     with (
-        open_session(BusOptions()) as session,
         serve(DashboardOptions(0, folder), session, lambda _: None) as running,
         closing(HTTPConnection(running.address.removeprefix("http://").rstrip("/"))) as server,
     ):
