@@ -133,11 +133,7 @@ REFUSED = {
     "label without a window": (A, LABELS, "sub/b.csv; diagnose it too"),
     "a file labelled twice": (AB, f"{LABELS}./a.csv,0,0\n", "labels.csv: has two rows for "),
     "kind without a label": (AB.replace("viscous", "f"), LABELS, "row 1: has no column for 'f', which the diagnoses"),
-    "label of no kind": (
-        A,
-        "file,dry,viscous,viscos\na.csv,0,0,0\n",
-        "column viscos: no diagnosis judges this anomaly",
-    ),
+    "label of no kind": (A, "file,dry,viscous,x\na.csv,0,0,0\n", "column x: no diagnosis judges this anomaly"),
     "windows of no file": (line(None, 0), LABELS, "w: its diagnoses name no file: "),
     "two files at once": (AB, EVENTS, "w: windows of a.csv and sub/b.csv start at the same time"),
     "unknown wheel": (A, f"{EVENTS}v,dry,0,1\n", "labels.csv: row 2, column wheel: no diagnosis is of 'v'"),

@@ -20,17 +20,6 @@ from rwa_monitor.samples import SECONDS_PER_DAY
 from tests.history.support import WINDOW_NS, diagnosis, discrepancy
 
 
-def test_a_window_taken_in_again_makes_no_double_and_no_alarm(history: History) -> None:
-    windows = [diagnosis(0), diagnosis(1, severity=1.0), diagnosis(2, severity=1.0)]
-    assert history.add(*windows)[0] == 3
-    before = history.alarms()
-    assert history.add(*windows) == (0, [])
-    assert history.windows("sat", "wheel_1") == windows
-    assert history.alarms() == before
-    assert [line.event for line in before[0].trail] == ["raised"]
-    assert len(history.estimates("sat", "wheel_1")) == 3
-
-
 def test_what_was_acknowledged_is_kept_and_clears_when_normal(place: Path | str) -> None:
     with History(place) as history:
         history.add(*[diagnosis(n, severity=1.0) for n in range(2)])
@@ -96,13 +85,15 @@ def test_estimates_are_kept_longer_than_diagnoses(history: History, monkeypatch:
 
 @settings(max_examples=30)
 @given(st.lists(st.integers(0, 14), max_size=40))
-def test_importing_in_any_order_and_again_and_again_makes_no_doubles(order: list[int]) -> None:
+def test_importing_in_any_order_and_again_and_again_makes_no_doubles_and_no_alarms(order: list[int]) -> None:
+    windows = {number: diagnosis(number, severity=1.0 if number % 3 else None) for number in order}
     with TemporaryDirectory() as folder, History(Path(folder, "h.sqlite3")) as history:
-        new = [history.add(diagnosis(number, severity=1.0 if number % 3 else None))[0] for number in order]
-        assert sum(new) == len(set(order))
-        ends = [window.window_end_ns for window in history.windows("sat", "wheel_1")]
-        assert ends == sorted(set(ends))
-        assert len(history.estimates("sat", "wheel_1")) == len(set(order))
+        assert sum(history.add(windows[number])[0] for number in order) == len(windows)
+        before = history.alarms()
+        assert history.add(*windows.values()) == (0, [])
+        assert history.alarms() == before
+        assert history.windows("sat", "wheel_1") == [windows[number] for number in sorted(windows)]
+        assert len(history.estimates("sat", "wheel_1")) == len(windows)
 
 
 def test_a_database_that_is_removed_is_reported(tmp_path: Path) -> None:

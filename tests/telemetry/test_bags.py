@@ -286,12 +286,7 @@ SCHEMAS = b"".join(a_schema(n, bytes(1_000)) for n in IDS[:20])
 MANY = {
     "records": ("MAX_RECORDS", 1_000, bytes(9 * 2_000), "more than 1,000 records"),
     "messages of other topics": ("MAX_RECORDS", 1_000, OTHERS, "more than 1,000 records"),
-    "channels": (
-        "MAX_COLUMNS",
-        100,
-        a_schema(1) + b"".join(map(a_channel, IDS)),
-        "more than 100 channels of the map's",
-    ),
+    "channels": ("MAX_COLUMNS", 100, a_schema(1) + b"".join(map(a_channel, IDS)), "more than 100 channels of the map"),
     "schemas": ("MAX_CHUNK_BYTES", 10_000, SCHEMAS, "more than 10,000 bytes of schemas"),
 }
 

@@ -182,11 +182,7 @@ REFUSED = {
     "only newlines": (b"\n\n", "row 1", "no header"),
     "only a header": (HEAD, "", "no rows"),
     "no time": ("speed_rad_s\n1\n", "column time_s or time_ns", "is missing"),
-    "two angles": (
-        "time_s,speed_rad_s,angle_rad,angle_deg\n0,1,0,0\n",
-        "column angle_deg",
-        "is there beside angle_rad",
-    ),
+    "two angles": ("time_s,speed_rad_s,angle_rad,angle_deg\n0,1,0,0\n", "column angle_deg", "is there beside angle"),
     "no speed": ("time_s,x\n0,1\n", "column speed_rad_s", "the table has 'time_s', 'x' (docs/formats.md)"),
     "no header": ("0.0,1.5\n0.1,1.5\n", "column time_s or time_ns", "is missing, and so is speed_rad_s"),
     "a date": (HEAD + "2026-01-01T00:00:00Z,1,2\n", "row 2, column time_s", "is not a finite number"),
