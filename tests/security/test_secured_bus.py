@@ -7,7 +7,6 @@ the same code that, with the right certificate on the right key, gets its messag
 import json
 import signal
 import stat
-import subprocess
 import time
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
@@ -23,10 +22,9 @@ from zenoh import ext
 from rwa_monitor.errors import RwaMonitorError
 from rwa_monitor.messages import SamplesMessage
 from rwa_monitor.monitor.bus import BusOptions, SamplesPublisher, messages_publisher, open_session
-from rwa_monitor.monitor.recording import read_recording, recordings_of
-from tests.monitor.processes import put_pieces, wait_for
-from tests.monitor.support import WINDOW, batch_diagnoses, telemetry, wheel
-from tests.program import command
+from tests.monitor.processes import process, put_pieces, wait_for
+from tests.monitor.support import WINDOW, batch_diagnoses, recorded, telemetry, wheel
+from tests.program import done
 from tests.security.rig import DOCKER, NAMES, certificates, issued, leaf, make_certificates, router
 
 pytestmark = pytest.mark.processes
@@ -213,24 +211,25 @@ def test_run_simulate_and_a_dashboard_work_over_the_secured_bus(issued_by_us: Pa
     with router(issued_by_us / "router", tmp_path) as port:
         bus = Bus(port, issued_by_us, tmp_path)
 
-        def program(name: str, *words: str) -> subprocess.Popen[str]:
+        def joined(name: str) -> tuple[str | Path, ...]:
             options = leaf(issued_by_us / name, port, tmp_path)
-            joined = command(*words, "-c", options.config, "-e", options.connect[0])
-            return subprocess.Popen(joined, stderr=subprocess.PIPE, text=True)
+            return ("-c", options.config, "-e", options.connect[0])
 
-        with bus.join("dashboard") as dashboard, bus.join("simulated.wheel_1") as satellite:
+        monitor = ("run", "--wheel", tmp_path / "wheel.toml", "--record", tmp_path / "rec", *joined("monitor"))
+        with (
+            bus.join("dashboard") as dashboard,
+            bus.join("simulated.wheel_1") as satellite,
+            process(*monitor) as said,
+        ):
             subscriber = bus.subscribe(dashboard, "rwa/*/*/*")
-            said = program("monitor", "run", "--wheel", str(tmp_path / "wheel.toml"), "--record", str(tmp_path / "rec"))
-            offered = SamplesPublisher(satellite, SAMPLES)
-            try:
-                put_pieces(offered, samples, 256)
-                intruder = program("somebody", "simulate", "publish", "--speed", "inf", "--key", SAMPLES)
-                assert "published" in intruder.communicate(timeout=120)[1]  # it receives nothing
-                wait_for(lambda: len(bus.of(DIAGNOSIS)) >= 2, "both diagnoses")
-                health = {str(reply.ok.key_expr) for reply in dashboard.get("rwa/**/health") if reply.ok is not None}
-            finally:
-                said.send_signal(signal.SIGTERM)
-                talk = said.communicate(timeout=60)[1]
+            offered = put_pieces(SamplesPublisher(satellite, SAMPLES), samples, 256)
+            intruder = done("simulate", "publish", "--speed", "inf", "--key", SAMPLES, *joined("somebody"))
+            assert "published" in intruder.stderr  # it receives nothing
+            wait_for(lambda: len(bus.of(DIAGNOSIS)) >= 2, "both diagnoses")
+            health = {str(reply.ok.key_expr) for reply in dashboard.get("rwa/**/health") if reply.ok is not None}
+            said.send_signal(signal.SIGTERM)
+            talk = said.communicate(timeout=60)[1]
+            offered.close()
             subscriber.undeclare()
     assert said.returncode == 0, talk
     assert health == {"rwa/simulated/wheel_1/health"}
@@ -238,13 +237,9 @@ def test_run_simulate_and_a_dashboard_work_over_the_secured_bus(issued_by_us: Pa
     heard = [json.loads(payload) for payload in bus.of(DIAGNOSIS)]
     for field in ("verdict", "changepoints"):
         assert [d[field] for d in heard] == [d[field] for d in expected]
-    recorded = [
-        message
-        for path in recordings_of(tmp_path / "rec")
-        for message in read_recording(path).messages
-        if message.topic.startswith("rwa/") and message.schema in {SamplesMessage.schema_name(), "rwa.Refused"}
-    ]
-    assert sum(len(SamplesMessage.parse(m.payload, m.topic).time_ns) for m in recorded) == len(samples)
+    taken = recorded(tmp_path / "rec", SamplesMessage.schema_name())
+    assert sum(len(SamplesMessage.parse(payload, SAMPLES).time_ns) for payload in taken) == len(samples)
+    assert recorded(tmp_path / "rec", "rwa.Refused") == []
 
 
 def test_each_container_has_its_own_certificate_and_no_other() -> None:
@@ -271,9 +266,9 @@ def test_private_keys_are_for_their_owner_only_and_nothing_is_overwritten(issued
     assert {stat.S_IMODE(key.stat().st_mode) for key in keys} == {0o600}
     assert stat.S_IMODE((issued_by_us / "authority").stat().st_mode) == 0o700
     before = {path: path.read_bytes() for path in issued_by_us.rglob("*") if path.is_file()}
-    done = make_certificates(issued_by_us, "monitor")
-    assert (done.returncode, done.stderr.count("\n")) == (2, 1)
-    assert "exists already" in done.stderr
+    again = make_certificates(issued_by_us, "monitor")
+    assert (again.returncode, again.stderr.count("\n")) == (2, 1)
+    assert "exists already" in again.stderr
     assert {path: path.read_bytes() for path in issued_by_us.rglob("*") if path.is_file()} == before
 
 
