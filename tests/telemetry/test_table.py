@@ -54,17 +54,12 @@ def test_layout_of_the_text_does_not_matter(tmp_path: Path, content: str) -> Non
     assert table.samples.speed_rad_s.tolist() == [100.0, 101.0]
 
 
-def test_unknown_columns_are_left_out_and_named(tmp_path: Path) -> None:
-    content = "mode,time_s,note,speed_rad_s,friction_torque_Nm\nA,0,\u00e4,1,2\nB,1,,3,4\n"
+def test_unknown_columns_and_the_less_exact_of_two_times_are_left_out_and_named(tmp_path: Path) -> None:
+    content = "mode,time_s,time_ns,note,speed_rad_s,friction_torque_Nm\nA,5,1,\u00e4,1,2\nB,6,2,,3,4\n"
     table = read_table(csv_file(tmp_path, content))
-    assert table.notes == ["columns ignored: mode, note"]
-    assert table.samples.speed_rad_s.tolist() == [1.0, 3.0]
-
-
-def test_of_two_time_columns_the_exact_one_counts(tmp_path: Path) -> None:
-    table = read_table(csv_file(tmp_path, "time_s,time_ns,speed_rad_s\n5,1,1\n6,2,1\n"))
+    assert table.notes == ["columns ignored: mode, time_s, note"]
     assert table.samples.time_ns.tolist() == [1, 2]
-    assert table.notes == ["columns ignored: time_s"]
+    assert table.samples.speed_rad_s.tolist() == [1.0, 3.0]
 
 
 def test_missing_and_non_finite_values_stay_as_they_are(tmp_path: Path) -> None:
