@@ -126,6 +126,21 @@ def opened(started: Any, width: int = 1280, complaint: str = "none", **options: 
     page.close()
 
 
+PIXELS = """(canvas, [colour, within]) => {
+  const of = canvas.getContext("2d").getImageData(0, 0, canvas.width, canvas.height).data;
+  let count = 0;
+  for (let i = 0; i < of.length; i += 4) {
+    count += of[i + 3] > 0 && [0, 1, 2].reduce((sum, k) => sum + Math.abs(of[i + k] - colour[k]), 0) < within;
+  }
+  return count;
+}"""
+
+
+def pixels(canvas: Any, colour: tuple[int, int, int], within: int = 1) -> int:
+    """Count the pixels of a canvas whose red, green and blue are together less than `within` off a colour's."""
+    return int(canvas.evaluate(PIXELS, [colour, within]))
+
+
 def press(form: Any, button: str, name: str = "Ann") -> None:
     """Press a button of a form on the page, as a person of this name."""
     form.get_by_label("Your name").fill(name)

@@ -7,7 +7,7 @@ import zenoh
 
 from benchmarks.dashboard_load import FRAMES
 from rwa_monitor.dashboard.server import Running
-from tests.dashboard.support import ask, expect, findings, send_windows
+from tests.dashboard.support import ask, expect, findings, pixels, send_windows
 from tests.history.support import diagnosis
 from tests.monitor.processes import wait_for
 
@@ -20,21 +20,12 @@ SCROLL = """async () => {
     await new Promise(requestAnimationFrame);
   }
 }"""
-PIXELS = """(canvas) => {
-  const seen = {};
-  const of = canvas.getContext("2d").getImageData(0, 0, canvas.width, canvas.height).data;
-  for (let i = 0; i < of.length; i += 4) if (of[i + 3]) {
-    const colour = `${of[i]},${of[i + 1]},${of[i + 2]}`;
-    seen[colour] = (seen[colour] ?? 0) + 1;
-  }
-  return seen;
-}"""
 LATER = """
 const kept = JSON.parse(localStorage["rwa-monitor visits"]);
 const seen = { ...kept.seen, at: kept.seen.at - 3 * 3600e3 };
 if (!kept.before) localStorage["rwa-monitor visits"] = JSON.stringify({ seen });
 """
-NOMINAL, ANOMALOUS = "0,105,77", "168,42,0"  # --nominal and --anomalous of the light page
+NOMINAL, ANOMALOUS = (0, 105, 77), (168, 42, 0)  # --nominal and --anomalous of the light page
 
 
 @pytest.mark.browser
@@ -45,8 +36,7 @@ def test_the_strip_shows_and_reads_each_window_and_opens_its_wheel(failing_fleet
     strip = page.get_by_role("img", name="Verdicts of the last windows of 2 wheels; the latest: 1 nominal, 1 anomalous")
     expect(strip).to_be_visible()
     # Four windows are nominal and two anomalous, and these are three times as high.
-    seen = strip.evaluate(PIXELS)
-    assert seen[ANOMALOUS] > 1.2 * seen[NOMINAL]
+    assert pixels(strip, ANOMALOUS) > 1.2 * pixels(strip, NOMINAL) > 0
     expect(page.locator(".wheel", has_text="wheel_2").locator(".unseen")).to_have_text(
         "Of the last 3 windows: 2 anomalous, 1 nominal."
     )

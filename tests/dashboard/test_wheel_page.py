@@ -13,20 +13,13 @@ from rwa_monitor.dashboard.server import DashboardOptions, Running, serve
 from rwa_monitor.history.store import History
 from rwa_monitor.messages import Sojourns
 from rwa_monitor.samples import Samples
-from tests.dashboard.support import ask, expect, findings, opened, reporting, send_samples
+from tests.dashboard.support import ask, expect, findings, opened, pixels, reporting, send_samples
 from tests.dashboard.test_page import VIEWS, show
 from tests.dashboard.test_recordings import RECORDING
 from tests.history.support import START_NS, WINDOW_NS, diagnosis
 from tests.monitor.processes import wait_for
 
-INKED = """(canvas) => {
-  const of = canvas.getContext("2d").getImageData(0, 0, canvas.width, canvas.height).data;
-  let count = 0;
-  for (let i = 0; i < of.length; i += 4) {
-    if (Math.abs(of[i] - 213) + Math.abs(of[i + 1] - 94) + of[i + 2] < 30) count += 1;
-  }
-  return count;
-}"""  # pixels of the line that is simulated
+SIMULATED = (213, 94, 0)  # the line that is simulated
 PER_KELVIN_NM = 2e-5  # of friction, in the samples that are sent
 
 pytestmark = pytest.mark.browser
@@ -39,7 +32,7 @@ def chart(page: Any, name: str) -> Any:
 def drawn(page: Any, name: str) -> None:
     """Wait until the line by the diagnosis is drawn."""
     expect(chart(page, name)).to_be_visible()
-    wait_for(lambda: chart(page, name).evaluate(INKED) > 200, f"the line in {name}")
+    wait_for(lambda: pixels(chart(page, name), SIMULATED, within=30) > 200, f"the line in {name}")
 
 
 def test_the_latest_window_is_drawn_from_history_and_recording(
