@@ -18,6 +18,7 @@ from tests.dashboard.test_recordings import RECORDING
 from tests.dashboard.test_telemetry import with_friction
 from tests.history.support import START_NS, discrepancy
 from tests.monitor.processes import wait_for
+from tests.monitor.support import recorded
 
 pytestmark = pytest.mark.processes
 
@@ -67,6 +68,9 @@ def test_answers_and_feed_follow_the_document(session: zenoh.Session, tmp_path: 
             assert status == 200, asked
             assert content or path.endswith(("/trend", "/samples")), asked
             check(document, content, path)
+        replayed = ask(running.address, f"api/recordings/{name}")[1]
+        diagnoses = [entry["message"] for entry in replayed["entries"] if entry["key"].endswith("/diagnosis")]
+        assert (replayed["problems"], diagnoses) == ([], list(map(json.loads, recorded(RECORDING))))
         posts = {
             "/api/alarms/{alarm}/acknowledge": b'{"name":"Ann"}',
             "/api/alarms/{alarm}/shelve": b'{"name":"Ann","seconds":60}',

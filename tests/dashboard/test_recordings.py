@@ -1,31 +1,19 @@
-"""Recordings on the page and in the history, with one that the monitor itself made."""
+"""The list of recordings and what a replay shows, with those that the monitor itself made."""
 
 import json
 from pathlib import Path
 
 from rwa_monitor.dashboard.fleet import MAX_POINTS
 from rwa_monitor.dashboard.recordings import list_recordings, replay_json
-from rwa_monitor.messages import Diagnosis
 from rwa_monitor.monitor.recording import read_recording
 
 RECORDING = min(Path("replay").rglob("*.mcap"), key=lambda path: path.stat().st_size)
 
 
-def test_a_replay_holds_all_diagnoses_in_order_and_thinned_samples() -> None:
-    content = json.loads(replay_json(RECORDING.parent, RECORDING.name))
-    entries = content["entries"]
-    assert content["problems"] == []
-    assert entries == sorted(entries, key=lambda entry: entry["time_ns"])
-    diagnoses = [entry["message"] for entry in entries if entry["key"].endswith("/diagnosis")]
-    assert diagnoses
-    for message in diagnoses:
-        Diagnosis.parse(json.dumps(message).encode(), "replay")
-    points: dict[str, int] = {}
-    for entry in entries:
-        if entry["key"].endswith("/samples"):
-            points[entry["key"]] = points.get(entry["key"], 0) + len(entry["message"]["time_ns"])
-    assert points
-    assert max(points.values()) <= MAX_POINTS
+def test_samples_of_a_replay_are_thinned() -> None:
+    entries = json.loads(replay_json(Path("replay/two_anomalies"), "rwa-000001.mcap"))["entries"]
+    shown = sum(len(entry["message"]["time_ns"]) for entry in entries if entry["key"].endswith("/samples"))
+    assert MAX_POINTS // 2 < shown <= MAX_POINTS
 
 
 def test_the_list_shows_which_time_a_recording_covers(tmp_path: Path) -> None:
