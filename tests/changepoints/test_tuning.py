@@ -11,7 +11,6 @@ from rwa_monitor.changepoints.evidence import SCALES, threshold_of_run_length
 from rwa_monitor.changepoints.tuning import Measured, check, tune
 from rwa_monitor.errors import InputError
 from rwa_monitor.kernels.wglr import wglr
-from rwa_monitor.wheel.wheel import BUILT_IN_WHEEL_TOML, Wheel
 from tests.program import run
 
 
@@ -104,9 +103,3 @@ def test_threshold_rises_with_the_run_length() -> None:
     assert np.all(np.diff(thresholds) > 0)
     # As many tests a slot as there are scales, each at every slot, would need at most this.
     assert thresholds[1] < 2.0 * np.log(1e6 * len(SCALES))
-
-
-def test_a_run_length_that_was_not_measured_is_refused() -> None:
-    text = BUILT_IN_WHEEL_TOML.replace("hop = 80000", "hop = 80000\nrun_length = 100")
-    with pytest.raises(InputError, match="run_length"):
-        Wheel.from_toml(text, "wheel.toml")

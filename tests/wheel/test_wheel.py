@@ -31,7 +31,6 @@ LAWS = st.one_of(
 )
 
 
-@settings(deadline=None)
 @given(st.lists(LAWS, min_size=2, max_size=4), st.floats(1e-6, 1e3), st.text(min_size=1, max_size=20))
 def test_round_trip(laws, period, name):
     system = SwitchingSystem(name="s", durations=tuple(laws), up=(0.5,) * len(laws))
@@ -70,6 +69,7 @@ def test_hash_is_that_of_the_meaning():
         (MINIMAL + '[friction]\nderivative = { method = "spline" }', "w.toml: friction.derivative.method: "),
         (MINIMAL + "[limits]\nmax_speed_rad_s = inf", "w.toml: limits.max_speed_rad_s: "),
         (MINIMAL + "[window]\nsamples = 3", "w.toml: window.samples: "),
+        (MINIMAL + "[window]\nrun_length = 9e3", "w.toml: window.run_length: "),  # a run length that was not measured
         (MINIMAL + "[fss]", "w.toml: fss: "),
         (MINIMAL + '[[fss]]\nname = "a b"\ndurations = []', "w.toml: fss.0.name: "),
         (

@@ -106,18 +106,6 @@ def test_parity_is_as_stated(effect: type[MeanEffect]) -> None:
 
 
 @every_mean_effect
-@pytest.mark.parametrize(("top_speed_rad_s", "period_s"), [(600.0, 0.125), (8.0, 0.005)], ids=["wheel", "joint"])
-def test_shape_bounds_stay_inside_the_physical_ones(
-    effect: type[MeanEffect], top_speed_rad_s: float, period_s: float
-) -> None:
-    bounds = effect.shape_bounds(rich_motion(4096, period_s, top_speed_rad_s))
-    assert list(bounds) == [parameter.name for parameter in effect.shape_parameters()]
-    for parameter in effect.shape_parameters():
-        low, high = bounds[parameter.name]
-        assert parameter.low <= low <= high <= parameter.high
-
-
-@every_mean_effect
 @pytest.mark.parametrize("noise_share", [0.0, 0.02], ids=["exact", "noisy"])
 def test_simulate_then_fit_gives_the_parameters_back(effect: type[MeanEffect], noise_share: float) -> None:
     """Fit dry sign, slope and the effect together; the bound on the noisy fit is five standard deviations."""
