@@ -18,7 +18,7 @@ from rwa_monitor.monitor.core import diagnose_samples
 from rwa_monitor.samples import Samples
 from rwa_monitor.simulation.motion import SpeedProfile
 from rwa_monitor.simulation.record import simulate
-from rwa_monitor.simulation.scenario import Anomaly, Scenario
+from rwa_monitor.simulation.scenario import Anomaly, Scenario, Temperature
 from rwa_monitor.telemetry.table import table_writer
 from rwa_monitor.wheel.wheel import EffectBlock, Limits, Wheel, built_in_wheel
 from tests.discrepancy.simple import sampled
@@ -76,6 +76,45 @@ def test_what_the_temperature_does_is_no_switching_system() -> None:
         assert found.nominal.viscous_Nm_s_rad == pytest.approx(true.viscous_Nm_s_rad, rel=3e-3)
         assert found.temperature.low_degC < np.min(samples.bearing_temperature_degC) + 0.5
         assert found.temperature.high_degC > np.max(samples.bearing_temperature_degC) - 0.5
+
+
+ACTIVATION_K = 4300.0  # K, −5 % a kelvin at 20 °C
+
+
+def warm_wheel() -> Wheel:
+    """The built-in wheel without switching systems, its viscosity falling by 5 % a kelvin."""
+    parameters = {"strength_Nm_s_rad": 5.333e-6, "activation_temperature_K": ACTIVATION_K, "sensor_lag_s": 600.0}
+    effect = (EffectBlock(name="viscosity_temperature", parameters=parameters),)
+    return built_in_wheel().model_copy(update={"effect": effect, "fss": ()})
+
+
+def warm_record(at_degC: float, seed: int, temperature: bool) -> Samples:
+    channels = None if temperature else ("friction_torque_Nm", "motor_current_A")
+    scenario = Scenario(temperature=Temperature(mean_degC=at_degC, swing_K=3.0), channels=channels)
+    return simulate(scenario, warm_wheel(), np.random.default_rng([9, seed])).samples
+
+
+def learned_warm(temperature: bool = True) -> Wheel:
+    bare = Wheel(name="bare", sample_period_s=0.125)
+    named = [(f"{at:g} °C", warm_record(at, seed, temperature)) for seed, at in enumerate((8.0, 20.0, 32.0))]
+    return identify(named, bare, systems=False).wheel
+
+
+def test_the_law_comes_back_with_the_range_it_holds_over() -> None:
+    wheel = learned_warm()
+    (law,) = wheel.effect
+    assert law.name == "viscosity_temperature"
+    assert law.parameters["activation_temperature_K"] == pytest.approx(ACTIVATION_K, rel=0.03)
+    assert law.parameters["sensor_lag_s"] == pytest.approx(600.0, rel=0.1)
+    assert wheel.nominal.viscous_Nm_s_rad == pytest.approx(5.333e-6, rel=0.01)
+    assert 2.0 < wheel.temperature.low_degC < 8.0
+    assert 32.0 < wheel.temperature.high_degC < 40.0
+
+
+def test_without_the_channel_the_swing_is_learned_as_spread() -> None:
+    wheel = learned_warm(temperature=False)
+    assert wheel.effect == ()
+    assert wheel.nominal.viscous_spread > 0.3  # ±12 K at 5 % a kelvin is a standard deviation of half
 
 
 def test_a_single_jump_is_not_reported_as_a_switching_system() -> None:

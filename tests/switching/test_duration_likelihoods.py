@@ -44,14 +44,9 @@ def total_probability(system: SwitchingSystem, slots: int, first: Onset | None) 
 
 
 @pytest.mark.parametrize("system", SYSTEMS.values(), ids=SYSTEMS.keys())
-@pytest.mark.parametrize("slots", [1, 4, 8])
-def test_probabilities_of_a_window_add_up_to_one(system, slots):
-    assert total_probability(system, slots, None) == pytest.approx(1.0, abs=1e-9)
-
-
-@pytest.mark.parametrize("age", [1, 4])
-def test_probabilities_add_up_to_one_after_earlier_windows(age):
-    assert total_probability(SYSTEMS["two uniform"], 7, Onset(0, age)) == pytest.approx(1.0, abs=1e-9)
+@pytest.mark.parametrize(("slots", "first"), [(1, None), (4, None), (8, None), (7, Onset(0, 1)), (7, Onset(0, 4))])
+def test_probabilities_of_a_window_add_up_to_one_also_after_earlier_ones(system, slots, first):
+    assert total_probability(system, slots, first) == pytest.approx(1.0, abs=1e-9)
 
 
 def test_first_sojourn_is_that_of_a_simulated_record():
