@@ -7,7 +7,8 @@ from pathlib import Path
 import pytest
 from scipy import stats
 
-from benchmarks.blind.generator import Case, plan
+from benchmarks.blind.formulas import MEAN
+from benchmarks.blind.generator import NOISE_EFFECTS, SWITCHING_EFFECTS, plan
 from benchmarks.blind.table import real_names
 from benchmarks.blind.trial import run_trial
 from rwa_monitor.wheel.effects.catalogue import CATALOGUE
@@ -40,17 +41,13 @@ PROCESSOR_S = 240.0  # issue 3: the slice takes under four minutes
 FEW = ("stribeck", "viscosity_temperature", "inertia_error", "coloured_noise", "viscous_jump")
 
 
-def slice_of_the_suite(names: tuple[str, ...]) -> list[Case]:
-    hidden = [plan("one", (name,), 2 + 4 * NAMES.index(name), SEED) for name in names]
-    nulls = [plan("null", (), k, SEED) for k in range(6 if names == NAMES else 2)]
-    return [*hidden, *nulls, plan("outside", ("bump",), 2, SEED)]
-
-
 # One test, since workers that share a module's tests out among them would each run the slice.
 @pytest.mark.timeout(1800)  # of the clock, on a machine that does much else; what counts is the processor's time
 @pytest.mark.parametrize("names", [FEW, pytest.param(NAMES, marks=pytest.mark.slow)], ids=["few", "all"])
 def test_a_slice_of_the_suite(tmp_path: Path, names: tuple[str, ...]) -> None:
-    cases = slice_of_the_suite(names)
+    cases = [plan("one", (name,), 2 + 4 * NAMES.index(name), SEED) for name in names]
+    cases += [plan("null", (), k, SEED) for k in range(6 if names == NAMES else 2)]
+    cases.append(plan("outside", ("bump",), 2, SEED))
     with ProcessPoolExecutor(2, get_context("spawn")) as pool:
         outcomes = list(pool.map(run_trial, cases, [tmp_path] * len(cases)))
     judged = [o for o in outcomes if o.case.kind == "one" and o.testable]
@@ -67,7 +64,4 @@ def test_a_slice_of_the_suite(tmp_path: Path, names: tuple[str, ...]) -> None:
 
 
 def test_every_effect_of_the_catalogue_can_be_hidden() -> None:
-    from benchmarks.blind.formulas import MEAN
-    from benchmarks.blind.generator import NOISE_EFFECTS, SWITCHING_EFFECTS
-
     assert {*MEAN, *NOISE_EFFECTS, *SWITCHING_EFFECTS} == set(CATALOGUE)

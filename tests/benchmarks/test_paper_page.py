@@ -1,8 +1,6 @@
 """`make benchmark-paper` on a few windows: every table and figure of the paper is there, and counts what it states."""
 
 import re
-from contextlib import redirect_stdout
-from io import StringIO
 from pathlib import Path
 from xml.etree import ElementTree as ET
 
@@ -11,7 +9,7 @@ import pytest
 from scipy import special
 
 from benchmarks.paper.__main__ import main
-from benchmarks.paper.examine import ERROR_STEP, ORACLE, Examined, examine
+from benchmarks.paper.examine import ERROR_STEP, ORACLE, examine
 from benchmarks.paper.peers import add_second_source, candidates, score
 from benchmarks.speed.peers import Peer
 from benchmarks.window import window_of
@@ -26,26 +24,11 @@ def windows() -> list[LabelledWindow]:
     return list(generate("paper", 4, SEED))
 
 
-@pytest.fixture(scope="module")
-def examined(windows: list[LabelledWindow]) -> list[Examined]:
-    return [examine(window) for window in windows]
-
-
-@pytest.fixture(scope="module")
-def page(tmp_path_factory: pytest.TempPathFactory) -> tuple[int, str, Path]:
-    """Run the small version once; its exit code, what it printed, and the page."""
-    file = tmp_path_factory.mktemp("page") / "paper.md"
-    printed = StringIO()
-    with redirect_stdout(printed):
-        code = main(["--quick", "--workers", "0", "--seed", str(SEED), "-o", str(file)])
-    return code, printed.getvalue(), file
-
-
-def test_the_command_writes_every_table_and_figure(page: tuple[int, str, Path]) -> None:
-    code, printed, file = page
-    assert code == 0
+def test_the_command_writes_every_table_and_figure(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    file = tmp_path / "paper.md"
+    assert main(["--quick", "--workers", "0", "--seed", str(SEED), "-o", str(file)]) == 0
     text = file.read_text(encoding="utf-8")
-    assert printed == text
+    assert capsys.readouterr().out == text
     for heading in (
         "All in one table",
         "Average run length",
@@ -77,9 +60,8 @@ def test_the_command_writes_every_table_and_figure(page: tuple[int, str, Path]) 
         assert len(list(root.iter("{http://www.w3.org/2000/svg}path"))) > 3
 
 
-def test_errors_are_those_of_the_noise_where_jumps_are_known(
-    windows: list[LabelledWindow], examined: list[Examined]
-) -> None:
+def test_errors_are_those_of_the_noise_where_jumps_are_known(windows: list[LabelledWindow]) -> None:
+    examined = [examine(window) for window in windows]
     counts = np.sum([one.fitted[ORACLE].errors for one in examined], axis=0)
     std = windows[0].telemetry.truth.noise_std_Nm / windows[0].wheel.torque_unit_Nm
     within = counts[: round(std / ERROR_STEP)].sum() / counts.sum()

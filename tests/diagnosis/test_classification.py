@@ -196,10 +196,6 @@ VISCOUS = built_in_model().anomaly("viscous")
 LEVELS, RATE = VISCOUS.levels[0], VISCOUS.rate
 
 
-def before(mean: float = 1.0, std: float = 0.004, held: float = 0.98) -> Coefficient:
-    return Coefficient(LEVELS, RATE, Tracked(mean=mean, std=std, windows=5, held=held))
-
-
 def probability(seen: Coefficient, value: float, std: float) -> float:
     rows = seen.log_evidence(np.array([value]), np.array([std]))[:, 0] + np.log([1.0 - seen.prior, seen.prior])
     return float(np.exp(rows[1] - np.logaddexp(*rows)))
@@ -217,10 +213,10 @@ def over_windows(values: list[tuple[float, float]]) -> list[float]:
 @pytest.mark.parametrize(("mean", "std", "held"), [(1.0, 0.01, 0.98), (1.15, 0.02, 0.5), (1.05, 0.03, 0.9)])
 def test_what_a_window_can_measure_has_total_probability_one(mean: float, std: float, held: float) -> None:
     """Oracle: the density of a measurement, over both classes and all values, integrates to 1, by quadrature."""
-    seen = before(mean, std, held)
     grid = np.linspace(-60.0, 60.0, 600_001)
     # Strays reach far beyond any grid; with next to none of them the bands hold everything.
-    seen = Coefficient(LEVELS.model_copy(update={"stray": 1e-12}), RATE, seen.before)
+    tracked = Tracked(mean=mean, std=std, windows=5, held=held)
+    seen = Coefficient(LEVELS.model_copy(update={"stray": 1e-12}), RATE, tracked)
     held_part, changed = (np.exp(part).sum(axis=0) for part in seen.log_parts(grid, np.full(grid.size, 0.02)))
     # The tail of anomalies of other sizes (a Lomax law of shape 1) beyond the grid: OTHER_SIZE · reach/60 or so.
     assert integrate.trapezoid(changed, grid) == pytest.approx(1.0 - held, abs=1e-3)

@@ -12,7 +12,6 @@ from rwa_monitor.discrepancy.find import find_discrepancy
 from rwa_monitor.discrepancy.noise_effects import coloured_beyond_filter
 from rwa_monitor.discrepancy.problem import ColumnCache
 from rwa_monitor.discrepancy.record import make_record
-from rwa_monitor.samples import Samples
 from rwa_monitor.threads import on_threads
 from rwa_monitor.wheel.effects.cage_instability import CageInstability
 from rwa_monitor.wheel.effects.lags import Presliding
@@ -39,10 +38,6 @@ def one_way(count: int = 8000) -> np.ndarray:
     return 200.0 + 40.0 * np.sin(2 * np.pi * time / 700) + 20.0 * np.tanh(np.sin(2 * np.pi * time / 240) / 0.1)
 
 
-def with_current(samples: Samples) -> Samples:
-    return replace(samples, motor_current_A=current_of(samples.friction_torque_Nm, one_way(len(samples))))
-
-
 def _caches() -> set[int]:
     """Return which caches are there; other tests may keep theirs."""
     return {id(one) for one in gc.get_objects() if isinstance(one, ColumnCache)}
@@ -50,11 +45,12 @@ def _caches() -> set[int]:
 
 def test_one_direction_with_current_is_adequate_and_what_a_search_kept_is_freed_with_it() -> None:
     samples, _ = record(one_way())
+    samples = replace(samples, motor_current_A=current_of(samples.friction_torque_Nm, one_way()))
     gc.collect()
     of_others = _caches()
     gc.disable()  # it counts objects, not bytes: hundreds of megabytes in a circle would wait for it
     try:
-        found = search(with_current(samples))
+        found = search(samples)
         assert found.result.verdict == "adequate", names(found)
         assert _caches() > of_others
         del found

@@ -31,28 +31,19 @@ def recordings(count: int, seed: int) -> list[tuple[str, Samples]]:
     return [(f"day_{i}.csv", one.samples) for i, one in enumerate(made)]
 
 
-@pytest.fixture(scope="module")
-def learned() -> Wheel:
-    """Learn the built-in wheel from ten recordings."""
-    bare = Wheel(name="learned", sample_period_s=0.125)
-    return identify(recordings(10, seed=21), bare).wheel
-
-
-def test_nominal_friction_and_noise_come_back(learned: Wheel) -> None:
+def test_nominal_friction_noise_and_both_switching_systems_come_back() -> None:
     true = built_in_wheel()
+    learned = identify(recordings(10, seed=21), Wheel(name="learned", sample_period_s=0.125)).wheel
     assert learned.nominal.dry_torque_Nm == pytest.approx(true.nominal.dry_torque_Nm, rel=2e-3)
     assert learned.nominal.viscous_Nm_s_rad == pytest.approx(true.nominal.viscous_Nm_s_rad, rel=2e-3)
     assert learned.noise.friction_std_Nm == pytest.approx(true.noise.friction_std_Nm, rel=0.02)
-
-
-def test_both_switching_systems_come_back(learned: Wheel) -> None:
     assert [system.configurations for system in learned.fss] == [2, 3]
-    for system, true in zip(learned.fss, built_in_wheel().fss, strict=True):
-        for law, true_law in zip(system.durations, true.durations, strict=True):
+    for system, true_system in zip(learned.fss, true.fss, strict=True):
+        for law, true_law in zip(system.durations, true_system.durations, strict=True):
             # The mean of n sojourns of a uniform law is off by 0.58/√(3n) of its half-range at one sigma; 25 % of the
             # mean is beyond four sigma for the fewest (about 6) sojourns seen here.
             assert law.mean() == pytest.approx(true_law.mean(), rel=0.25)
-        for found, stated in zip(system.friction, true.friction, strict=True):
+        for found, stated in zip(system.friction, true_system.friction, strict=True):
             assert found.low == pytest.approx(stated.low, abs=0.08)
             assert found.high == pytest.approx(stated.high, abs=0.08)
 
@@ -81,23 +72,17 @@ def test_what_the_temperature_does_is_no_switching_system() -> None:
 ACTIVATION_K = 4300.0  # K, −5 % a kelvin at 20 °C
 
 
-def warm_wheel() -> Wheel:
-    """The built-in wheel without switching systems, its viscosity falling by 5 % a kelvin."""
+def learned_warm(temperature: bool = True) -> Wheel:
+    """Learn a wheel without switching systems, its viscosity falling by 5 % a kelvin, from warm and cold recordings."""
     parameters = {"strength_Nm_s_rad": 5.333e-6, "activation_temperature_K": ACTIVATION_K, "sensor_lag_s": 600.0}
     effect = (EffectBlock(name="viscosity_temperature", parameters=parameters),)
-    return built_in_wheel().model_copy(update={"effect": effect, "fss": ()})
-
-
-def warm_record(at_degC: float, seed: int, temperature: bool) -> Samples:
+    true = built_in_wheel().model_copy(update={"effect": effect, "fss": ()})
     channels = None if temperature else ("friction_torque_Nm", "motor_current_A")
-    scenario = Scenario(temperature=Temperature(mean_degC=at_degC, swing_K=3.0), channels=channels)
-    return simulate(scenario, warm_wheel(), np.random.default_rng([9, seed])).samples
-
-
-def learned_warm(temperature: bool = True) -> Wheel:
-    bare = Wheel(name="bare", sample_period_s=0.125)
-    named = [(f"{at:g} °C", warm_record(at, seed, temperature)) for seed, at in enumerate((8.0, 20.0, 32.0))]
-    return identify(named, bare, systems=False).wheel
+    named = []
+    for seed, at_degC in enumerate((8.0, 20.0, 32.0)):
+        scenario = Scenario(temperature=Temperature(mean_degC=at_degC, swing_K=3.0), channels=channels)
+        named.append((f"{at_degC:g} °C", simulate(scenario, true, np.random.default_rng([9, seed])).samples))
+    return identify(named, Wheel(name="bare", sample_period_s=0.125), systems=False).wheel
 
 
 def test_the_law_comes_back_with_the_range_it_holds_over() -> None:

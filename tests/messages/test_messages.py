@@ -22,8 +22,9 @@ from rwa_monitor.messages import (
     samples_json,
     split_key,
 )
+from rwa_monitor.monitor.core import WheelCore
 from rwa_monitor.samples import MAX_TIME_NS, TABLE_CHANNELS, Samples
-from tests.monitor.support import batch_diagnoses, messages_of, telemetry, wheel
+from tests.monitor.support import batch_diagnoses, messages_of, model, telemetry, wheel
 from tools.schemas import schema_files
 
 SCHEMAS = Path(__file__).parents[2] / "schemas"
@@ -42,9 +43,6 @@ def test_schemas_are_schemas(message: type[messages.Message]) -> None:
 
 
 def test_what_the_monitor_publishes_fits_the_schemas() -> None:
-    from rwa_monitor.monitor.core import WheelCore
-    from tests.monitor.support import model
-
     core = WheelCore(wheel(), model())
     kinds = {kind.kind: kind for kind in (Diagnosis, Changepoints, Health)}
     seen = set()

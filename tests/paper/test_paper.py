@@ -24,10 +24,6 @@ from tests.switching.assignment_windows import evidence_at, record_of, window
 WHEEL = built_in_wheel()
 
 
-def _found(evidence: Evidence, w: int = SCALE) -> list[int]:
-    return detect(Signal.of(evidence), evidence.noise, WHEEL, w).tolist()
-
-
 @pytest.mark.parametrize("w", [2, 50, 128])
 @pytest.mark.parametrize("share", [1.0, 0.8])
 def test_the_wglr_is_that_of_the_compiled_kernel(w: int, share: float) -> None:
@@ -53,7 +49,7 @@ def test_big_jumps_have_side_lobes() -> None:
     jumps = [(k, 25.0 * (-1) ** i) for i, k in enumerate(range(2500, 40_000, 1000))]
     evidence, _ = _gather(*_telemetry(19, 40_000, jumps, crossing=True))
     assert evidence.candidates.index.tolist() == [index for index, _ in jumps]
-    assert len(_found(evidence, w=50)) > len(jumps)
+    assert detect(Signal.of(evidence), evidence.noise, WHEEL, 50).size > len(jumps)
 
 
 # ---- section IV-B: estimation ----------------------------------------------------------------------------------------

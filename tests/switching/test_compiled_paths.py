@@ -112,20 +112,16 @@ def test_values_that_are_not_known_have_no_density():
 
 SLOTS, STD, SLOPE = 4_000, 0.024, 1.1
 INDEX = np.array([320, 1_003, 1_040, 2_500, 3_900])
-
-
-@pytest.fixture
-def record() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """x, z and used of a window with five jumps, a tenth of its samples masked."""
-    return record_of(71, SLOTS, zip(INDEX.tolist(), (0.4, -0.3, 0.5, -0.6, 0.2), strict=True), 0.9)
+# A window with five jumps, a tenth of its samples masked.
+RECORD = record_of(71, SLOTS, zip(INDEX.tolist(), (0.4, -0.3, 0.5, -0.6, 0.2), strict=True), 0.9)
 
 
 def _error(values: np.ndarray) -> float:
     return float(((values - values.mean()) ** 2).sum()) if values.size else 0.0
 
 
-def test_jumps_and_levels_are_those_of_the_samples(record):
-    x, z, used = record
+def test_jumps_and_levels_are_those_of_the_samples():
+    x, z, used = RECORD
     pairs = estimation.measure_level(INDEX, np.array([0, 2]), sums_of(x, z, used), STD**2, 0.0, 1.0).pairs
     nodes = np.array([0, 1, 3, 6])  # the first and the third candidate are accepted
     borders = np.concatenate([[0], INDEX, [SLOTS]])
@@ -142,8 +138,8 @@ def test_jumps_and_levels_are_those_of_the_samples(record):
         assert variance[k - 1] == pytest.approx(own + apart**2 / 1e4, rel=1e-9)
 
 
-def test_positions_are_refined_to_the_least_error(record):
-    x, z, used = record
+def test_positions_are_refined_to_the_least_error():
+    x, z, used = RECORD
     index, reach = INDEX + np.array([7, -9, 5, 20, -3]), np.array([8, 16, 16, 32, 32])
     refined = refine_nodes(np.concatenate(([0], index, [SLOTS])), reach, SLOPE, STD**2, sums_of(x, z, used).arrays)
     residual, borders = z - SLOPE * x, np.concatenate([[0], index, [SLOTS]])
