@@ -11,7 +11,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from matplotlib.figure import Figure
 from threadpoolctl import threadpool_info, threadpool_limits
 
 import rwa_monitor as rwa
@@ -167,12 +166,6 @@ def diagnoses(wheel: rwa.Wheel, telemetry: rwa.Telemetry) -> list[rwa.Diagnosis]
     return rwa.diagnose(telemetry.samples, wheel)
 
 
-def drawn(figure: Figure) -> bytes:
-    file = io.BytesIO()
-    figure.savefig(file, format="png")
-    return file.getvalue()
-
-
 def test_a_window_shows_its_jumps_and_its_systems(
     telemetry: rwa.Telemetry, diagnoses: list[rwa.Diagnosis], wheel: rwa.Wheel
 ) -> None:
@@ -192,7 +185,8 @@ def test_a_window_shows_its_jumps_and_its_systems(
     distance = np.nanmedian(np.abs(dots.get_ydata() - 1e3 * level[::every]))
     assert 0.5 < distance / (1e3 * diagnosis.fit.noise_std_Nm) < 1.0  # 0.674 for Gaussian noise
     assert [line.get_label() for line in bottom.lines] == list(diagnosis.friction.fss)
-    assert drawn(figure).startswith(b"\x89PNG")
+    figure.savefig(file := io.BytesIO(), format="png")
+    assert file.getvalue().startswith(b"\x89PNG")
 
 
 def test_friction_is_derived_where_it_is_not_given(

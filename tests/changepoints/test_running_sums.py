@@ -101,13 +101,10 @@ def gather(
     return sums.close()
 
 
-def swing(rng: np.random.Generator) -> tuple[FloatArray, FloatArray, BoolArray]:
-    speed = 60.0 * np.sin(2 * np.pi * np.arange(SLOTS) / 9_000.0) + 0.005 * rng.standard_normal(SLOTS)
-    return speed, 1.0 + 0.02 * rng.standard_normal(SLOTS), rng.random(SLOTS) > 0.0005
-
-
 def test_direction_and_dead_band_are_what_a_plain_sum_gives() -> None:
-    speed, z, good = swing(np.random.default_rng(2))
+    rng = np.random.default_rng(2)
+    speed = 60.0 * np.sin(2 * np.pi * np.arange(SLOTS) / 9_000.0) + 0.005 * rng.standard_normal(SLOTS)
+    z, good = 1.0 + 0.02 * rng.standard_normal(SLOTS), rng.random(SLOTS) > 0.0005
     found = gather(speed, z, good)
     blocks = np.arange(SLOTS) // BLOCK
     near = good & (np.abs(speed) < BAND) & (np.abs(speed) > CERTAIN)

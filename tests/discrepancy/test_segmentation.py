@@ -1,5 +1,6 @@
 """The segmentation against brute force: dynamic programming, and least squares for every set of jumps."""
 
+from collections.abc import Callable
 from itertools import chain, combinations
 from typing import Any
 
@@ -15,21 +16,12 @@ from tests.discrepancy.smooth import remembering
 Array = np.ndarray[Any, np.dtype[np.float64]]
 
 
-def brute_force(z: Array, penalty: float) -> list[int]:
-    """Optimal partitioning over all last jumps, O(n²) (Jackson et al. 2005)."""
-    n = z.size
-    s, q = np.concatenate([[0.0], np.cumsum(z)]), np.concatenate([[0.0], np.cumsum(z * z)])
-    best, last = np.full(n + 1, np.inf), np.zeros(n + 1, int)
-    best[0] = -penalty
+def least_cost(n: int, penalty: float, least: Callable[[int, int], float]) -> float:
+    """Optimal partitioning over all last jumps, O(n²) (Jackson et al. 2005); `least`: the cost of a piece."""
+    best = [-penalty]
     for t in range(1, n + 1):
-        tau = np.arange(t)
-        cost = best[:t] + penalty + (q[t] - q[tau]) - (s[t] - s[tau]) ** 2 / (t - tau)
-        last[t], best[t] = int(cost.argmin()), float(cost.min())
-    found, t = [], n
-    while t > 0:
-        t = int(last[t])
-        found.append(t)
-    return found[::-1][1:]
+        best.append(min(best[a] + penalty + least(a, t) for a in range(t)))
+    return best[n]
 
 
 def cost(z: Array, jumps: Any, penalty: float) -> float:
@@ -42,7 +34,9 @@ def cost(z: Array, jumps: Any, penalty: float) -> float:
 def test_short_sequences_are_segmented_as_by_brute_force(seed: int, n: int, penalty: float) -> None:
     rng = np.random.default_rng(seed)
     z = rng.normal(size=n) + np.cumsum((rng.random(n) < 0.05) * rng.normal(0, 3, n))
-    assert segment(z, penalty).tolist() == brute_force(z, penalty)
+    s, q = np.append(0.0, np.cumsum(z)).tolist(), np.append(0.0, np.cumsum(z * z)).tolist()
+    best = least_cost(n, penalty, lambda a, b: q[b] - q[a] - (s[b] - s[a]) ** 2 / (b - a))
+    assert cost(z, segment(z, penalty), penalty) == pytest.approx(best, rel=1e-9, abs=1e-9)
 
 
 @settings(max_examples=60, deadline=None)
@@ -59,12 +53,10 @@ def test_levels_and_relaxing_curves_are_parted_as_by_brute_force(
         left = [float(np.sum((z[a:b] - d @ np.linalg.lstsq(d, z[a:b])[0]) ** 2)) for d in (design[:, :1], design)]
         return min(left[0], left[1] + penalty)
 
-    best = [-penalty]
-    for t in range(1, n + 1):
-        best.append(min(best[a] + penalty + least(a, t) for a in range(t)))
     found = optimal_curves(np.stack([np.ones(n), x, z, x * x, x * z, z * z]), np.full(n, keep), penalty)
     edges = [0, *found.tolist(), n]
-    assert sum(map(least, edges, edges[1:])) + penalty * found.size == pytest.approx(best[n], rel=1e-9, abs=1e-9)
+    best = least_cost(n, penalty, least)
+    assert sum(map(least, edges, edges[1:])) + penalty * found.size == pytest.approx(best, rel=1e-9, abs=1e-9)
 
 
 @pytest.mark.parametrize("seed", range(5))

@@ -10,7 +10,8 @@ from rwa_monitor.kernels.laws import SOFT_SHARE
 from rwa_monitor.switching.duration_likelihoods import broad_pmf
 from rwa_monitor.switching.jump_attribution import Sojourn
 from rwa_monitor.wheel.durations import DurationLaw, Geometric, Lognormal, Uniform, Weibull
-from rwa_monitor.wheel.switching_systems import residual_duration
+from rwa_monitor.wheel.switching_systems import simulate_system
+from rwa_monitor.wheel.wheel import FrictionRange, SwitchingSystem
 
 LAWS: list[DurationLaw] = [
     Uniform(low=6575, high=19726),
@@ -74,15 +75,11 @@ def test_many_sojourns_give_back_their_law() -> None:
 
 def cut_into(law: DurationLaw, slots: int, records: int, rng: np.random.Generator) -> list[Sojourn]:
     """Draw what records of so many slots see of one system that begins a sojourn after the other."""
-    seen = []
+    system, seen = SwitchingSystem(name="s", durations=(law, law), friction=(FrictionRange(low=0, high=0),) * 2), []
     for _ in range(records):
-        at, began = 0, False
-        length = residual_duration(law, rng, slots)
-        while at + length < slots:
-            seen.append(Sojourn(length, began=began, ended=True))
-            at, began = at + length, True
-            length = int(law.sample(rng, 1)[0])
-        seen.append(Sojourn(slots - at, began=began, ended=False))
+        lengths = np.diff([0, *simulate_system(system, slots, rng).jump_index, slots]).tolist()
+        ends = range(1, len(lengths) + 1)
+        seen += [Sojourn(one, began=k > 1, ended=k < len(lengths)) for k, one in zip(ends, lengths, strict=True)]
     return seen
 
 

@@ -22,8 +22,10 @@ SYSTEMS = {
 }
 
 
-def total_probability(system: SwitchingSystem, slots: int, first: Onset | None) -> float:
-    """Sum the probability of every start and every set of jumps of one system in a window."""
+@pytest.mark.parametrize("system", SYSTEMS.values(), ids=SYSTEMS.keys())
+@pytest.mark.parametrize(("slots", "first"), [(1, None), (4, None), (8, None), (7, Onset(0, 1)), (7, Onset(0, 4))])
+def test_probabilities_of_a_window_add_up_to_one_also_after_earlier_ones(system, slots, first):
+    """Every start and every set of jumps of one system in a window."""
     index = np.arange(1, slots)
     tables = tabulated_durations((system,), index, slots, (first,))
     total = 0.0
@@ -40,13 +42,7 @@ def total_probability(system: SwitchingSystem, slots: int, first: Onset | None) 
                         if 0 <= q + step < system.configurations
                     ]
                 total += sum(np.exp(score + tables.stay[0, q, nodes[-1]]) for q, score in paths)
-    return float(total)
-
-
-@pytest.mark.parametrize("system", SYSTEMS.values(), ids=SYSTEMS.keys())
-@pytest.mark.parametrize(("slots", "first"), [(1, None), (4, None), (8, None), (7, Onset(0, 1)), (7, Onset(0, 4))])
-def test_probabilities_of_a_window_add_up_to_one_also_after_earlier_ones(system, slots, first):
-    assert total_probability(system, slots, first) == pytest.approx(1.0, abs=1e-9)
+    assert total == pytest.approx(1.0, abs=1e-9)
 
 
 def test_first_sojourn_is_that_of_a_simulated_record():

@@ -100,10 +100,8 @@ def test_friction_is_drawn_once_a_sojourn_from_its_range():
 def test_anomaly_multiplies_the_friction_and_changes_nothing_else():
     fss = SYSTEMS["two"]
     nominal = simulate_system(fss, 5_000, np.random.default_rng(1))
-    anomalous = simulate_system(fss, 5_000, np.random.default_rng(1), lambda _slot: 1.6)
-    assert np.array_equal(nominal.configuration, anomalous.configuration)
-    assert anomalous.friction == pytest.approx(1.6 * nominal.friction)
     growing = simulate_system(fss, 5_000, np.random.default_rng(1), lambda slot: 1.0 + slot / 5_000)
+    assert np.array_equal(nominal.configuration, growing.configuration)
     starts = np.concatenate([[0], nominal.jump_index])
     assert growing.friction[starts] == pytest.approx(nominal.friction[starts] * (1.0 + starts / 5_000))
 
