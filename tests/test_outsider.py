@@ -17,6 +17,7 @@ from rwa_monitor import Samples, diagnose, find_discrepancy
 from rwa_monitor.samples import FloatArray
 from rwa_monitor.wheel.durations import Uniform
 from rwa_monitor.wheel.wheel import Nominal, SwitchingSystem, Wheel, Window
+from tests.discrepancy.simple import sampled
 from tests.program import run
 
 PERIOD_S = 0.125
@@ -53,10 +54,6 @@ def levels(rng: np.random.Generator, factors: Sequence[float] = (1.0, 1.0)) -> t
             at, q = until, q + (1 if up else -1)
             until = at + int(rng.integers(*stays[q]))
     return level, sorted(jump for jump in jumps if jump)
-
-
-def sampled(speed: FloatArray, **channels: FloatArray) -> Samples:
-    return Samples(np.arange(speed.size, dtype=np.int64) * int(PERIOD_S * 1e9), speed, **channels)
 
 
 def telemetry(seed: int, hidden: Callable[[float], float] | None = None) -> tuple[Samples, list[int]]:
@@ -124,7 +121,7 @@ def test_drag_that_falls_while_the_bearing_warms_unseen_may_be_either(measured: 
     friction = DRY + VISCOUS * np.exp(-0.03 * (temperature - 20.0)) * 300.0
     friction += np.random.default_rng(2).normal(0.0, NOISE_STD, HOUR)
     heat = {"bearing_temperature_degC": temperature} if measured else {}
-    samples = sampled(np.full(HOUR, 300.0), friction_torque_Nm=friction, **heat)
+    samples = sampled(np.full(HOUR, 300.0), friction, **heat)
     (effect,) = find_discrepancy(samples, WHEEL).result.effects
     if measured:
         assert effect.name == "viscosity_temperature"

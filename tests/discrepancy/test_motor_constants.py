@@ -14,7 +14,7 @@ from rwa_monitor.simulation.motion import SpeedProfile
 from rwa_monitor.simulation.record import simulate
 from rwa_monitor.simulation.scenario import Scenario
 from rwa_monitor.wheel.wheel import EffectBlock, Wheel, built_in_wheel
-from tests.discrepancy.simple import search
+from tests.discrepancy.simple import sampled, search
 
 SLOTS = 8_000
 
@@ -89,8 +89,7 @@ def test_what_is_better_in_the_place_of_the_effect_found_first_takes_it() -> Non
     speed = 200.0 * np.sin(2 * np.pi * time_s / 250.0) + 60.0 * np.sin(2 * np.pi * time_s / 91.0)
     friction = wheel.nominal.dry_torque_Nm * np.sign(speed) + wheel.nominal.viscous_Nm_s_rad * speed
     current = (inertia * np.gradient(speed, period_s) + friction) / wheel.torque_constant_Nm_A
-    samples = Samples(
-        (time_s * 1e9).astype(np.int64),
+    samples = sampled(
         speed + rng.normal(0.0, 0.01, SLOTS),
         motor_current_A=current + rng.normal(0.0, 5e-4, SLOTS),
         body_momentum_Nms=-inertia * speed + rng.normal(0.0, 1e-4, SLOTS),

@@ -13,26 +13,15 @@ from rwa_monitor.discrepancy.score import scored
 from rwa_monitor.discrepancy.switching_effects import switching_effects
 from rwa_monitor.discrepancy.terms import Model
 from rwa_monitor.samples import BoolArray, FloatArray
-from rwa_monitor.wheel.durations import Geometric, Uniform
+from rwa_monitor.simulation.datasets import scaled_wheel
+from rwa_monitor.wheel.durations import Geometric
 from rwa_monitor.wheel.switching_systems import simulate_system
 from rwa_monitor.wheel.wheel import FrictionRange, SwitchingSystem, Wheel
 from tests.discrepancy.simple import DRY_NM, NOISE_NM, VISCOUS, WHEEL, sampled
 
 COUNT = 16_000
 HURRY = 0.1  # of the built-in wheel's durations: some 30 jumps of the known systems
-
-
-def with_durations(scale: float) -> Wheel:
-    systems = []
-    for system in WHEEL.fss:
-        laws = [law for law in system.durations if isinstance(law, Uniform)]
-        assert len(laws) == len(system.durations)
-        shorter = tuple(Uniform(low=max(int(law.low * scale), 1), high=max(int(law.high * scale), 2)) for law in laws)
-        systems.append(system.model_copy(update={"durations": shorter}))
-    return WHEEL.model_copy(update={"fss": tuple(systems)})
-
-
-KNOWN = with_durations(HURRY)
+KNOWN = scaled_wheel(WHEEL, HURRY)
 
 
 def memoryless(name: str, rest: float, active: float, low: float, high: float) -> SwitchingSystem:
@@ -119,14 +108,14 @@ def test_jumps_that_decay_are_no_system(seed: int) -> None:
 
 @pytest.mark.parametrize(("seed", "factor"), [(1, 0.4), (2, 2.5)])
 def test_other_laws_are_distinguished_from_one_system_more(seed: int, factor: float) -> None:
-    level = level_of(with_durations(factor * HURRY).fss, np.arange(COUNT), seed)
+    level = level_of(scaled_wheel(WHEEL, factor * HURRY).fss, np.arange(COUNT), seed)
     assert named(level, some_speed(seed), seed) == ["wrong_duration_law"]
 
 
 @pytest.mark.parametrize("seed", [50010, 50011, 50012])
 def test_a_law_may_be_wrong_for_one_configuration_alone(seed: int) -> None:
     fast, slow = KNOWN.fss
-    rests = with_durations(0.25 * HURRY).fss[0].durations[0]
+    rests = scaled_wheel(WHEEL, 0.25 * HURRY).fss[0].durations[0]
     level = level_of((fast.model_copy(update={"durations": (rests, fast.durations[1])}), slow), np.arange(COUNT), seed)
     assert named(level, some_speed(seed), seed) == ["wrong_duration_law"]
 

@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 
 from rwa_monitor.errors import InputError
-from rwa_monitor.wheel.durations import Uniform
+from rwa_monitor.simulation.datasets import scaled_wheel
 from rwa_monitor.wheel.effects.base import LikelihoodFit
 from rwa_monitor.wheel.effects.catalogue import SWITCHING_EFFECTS
 from rwa_monitor.wheel.effects.jumps import SpeedTriggeredJumps, WrongDurationLaw
 from rwa_monitor.wheel.effects.switching_base import JumpClock, Jumps, Sojourns, SwitchingEvidence
 from rwa_monitor.wheel.switching_systems import simulate_system
-from rwa_monitor.wheel.wheel import SwitchingSystem, built_in_wheel
+from rwa_monitor.wheel.wheel import built_in_wheel
 from tests.wheel.effects.records import DRY_NM, rich_motion
 
 SLOTS = 40_000
@@ -27,7 +27,7 @@ def record(name: str, seed: int) -> SwitchingEvidence:
     """Return what an exact detection and attribution would find, with a named effect at its strength."""
     effect, rng = SWITCHING_EFFECTS[name](**CASES[name]), np.random.default_rng(seed)
     channels = rich_motion(SLOTS, seed=seed)
-    systems = {system.name: hurried(system) for system in built_in_wheel().fss}
+    systems = {system.name: system for system in scaled_wheel(built_in_wheel(), 1.0 / HURRY).fss}
     index, size = [], []
     sojourns: dict[str, Sojourns] = {}
     for of_system, system in systems.items():
@@ -40,11 +40,6 @@ def record(name: str, seed: int) -> SwitchingEvidence:
     order = np.argsort(np.concatenate(index), kind="stable")
     jumps = Jumps(np.concatenate(index)[order].astype(np.int64), np.concatenate(size)[order])
     return SwitchingEvidence(channels, channels.good, jumps, systems, sojourns)
-
-
-def hurried(system: SwitchingSystem) -> SwitchingSystem:
-    laws = [Uniform(low=max(1, law.low // HURRY), high=law.high // HURRY) for law in system.durations]
-    return system.model_copy(update={"durations": tuple(laws)})
 
 
 def fit(name: str, evidence: SwitchingEvidence) -> LikelihoodFit:
