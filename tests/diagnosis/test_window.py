@@ -15,7 +15,8 @@ from rwa_monitor.simulation.record import simulate
 from rwa_monitor.simulation.scenario import Anomaly, Scenario
 from rwa_monitor.switching.carried_state import CarriedState
 from rwa_monitor.wheel.durations import Uniform
-from rwa_monitor.wheel.wheel import FrictionRange, SwitchingSystem, Wheel, Window, built_in_wheel
+from rwa_monitor.wheel.wheel import Wheel, Window, built_in_wheel
+from tests.switching.assignment_windows import system
 
 MODEL = built_in_model()
 EMPTY = CarriedState.empty()
@@ -173,11 +174,7 @@ def test_an_unknown_system_is_judged_by_the_wheel_file() -> None:
     assert cage.severity == pytest.approx((cage.estimate - cage.nominal_high) / (0.4 * 1.6e-3), rel=1e-6)
 
 
-CAGE = SwitchingSystem(
-    name="cage",
-    durations=(Uniform(low=400, high=1200), Uniform(low=60, high=200)),
-    friction=(FrictionRange(low=0.0, high=0.0), FrictionRange(low=0.3, high=0.6)),
-)
+CAGE = system("cage", Uniform(low=400, high=1200), Uniform(low=60, high=200))
 
 
 @pytest.mark.parametrize("stated", [True, False])

@@ -16,8 +16,9 @@ from rwa_monitor.samples import BoolArray, FloatArray
 from rwa_monitor.simulation.datasets import scaled_wheel
 from rwa_monitor.wheel.durations import Geometric
 from rwa_monitor.wheel.switching_systems import simulate_system
-from rwa_monitor.wheel.wheel import FrictionRange, SwitchingSystem, Wheel
+from rwa_monitor.wheel.wheel import SwitchingSystem, Wheel
 from tests.discrepancy.simple import DRY_NM, NOISE_NM, VISCOUS, WHEEL, sampled
+from tests.switching.assignment_windows import system
 
 COUNT = 16_000
 HURRY = 0.1  # of the built-in wheel's durations: some 30 jumps of the known systems
@@ -25,10 +26,7 @@ KNOWN = scaled_wheel(WHEEL, HURRY)
 
 
 def memoryless(name: str, rest: float, active: float, low: float, high: float) -> SwitchingSystem:
-    sizes = (FrictionRange(low=0.0, high=0.0), FrictionRange(low=low, high=high))
-    return SwitchingSystem(
-        name=name, durations=(Geometric(mean_slots=rest), Geometric(mean_slots=active)), friction=sizes
-    )
+    return system(name, Geometric(mean_slots=rest), Geometric(mean_slots=active), low=low, high=high)
 
 
 EXTRA = memoryless("extra", 700.0, 300.0, 0.7, 0.9)

@@ -11,14 +11,21 @@ from rwa_monitor.kernels.running_sums import extend_sums
 from rwa_monitor.samples import BoolArray, FloatArray, IntArray
 from rwa_monitor.switching.assignment import Scores, action_table
 from rwa_monitor.switching.duration_likelihoods import tabulated_durations
-from rwa_monitor.wheel.durations import Geometric, Lognormal, Uniform
+from rwa_monitor.wheel.durations import DurationLaw, Geometric, Lognormal, Uniform
 from rwa_monitor.wheel.effects.torque_ripple import MAX_HARMONIC
 from rwa_monitor.wheel.switching_systems import simulate_system
-from rwa_monitor.wheel.wheel import SwitchingSystem, Wheel
+from rwa_monitor.wheel.wheel import FrictionRange, SwitchingSystem, Wheel
 
 STD = 0.024  # the paper's noise, normalised
 NO_CANDIDATES = Candidates(np.zeros(0, dtype=np.int64), np.zeros(0, dtype=np.int64), np.zeros(0), np.zeros(0))
 NO_STRUCTURE = Structure(np.zeros(0), np.zeros((4, 0)), np.zeros((0, 2 * MAX_HARMONIC)), zero_runs=0, plateaus=0)
+
+
+def system(name: str, *laws: DurationLaw, low: float = 0.3, high: float = 0.6) -> SwitchingSystem:
+    """A system that rests in configuration 0; the range of the friction in configuration q is q times that in 1."""
+    rest = FrictionRange(low=0.0, high=0.0)
+    active = [FrictionRange(low=q * low, high=q * high) for q in range(1, len(laws))]
+    return SwitchingSystem(name=name, durations=laws, friction=(rest, *active))
 
 
 def sums_of(x: FloatArray, z: FloatArray, used: np.ndarray | None = None) -> RunningSums:

@@ -10,8 +10,8 @@ from rwa_monitor.changepoints.stage_results import REJECTED, UNATTRIBUTED, Assig
 from rwa_monitor.paper.method import split_friction
 from rwa_monitor.switching.assignment import assign
 from rwa_monitor.wheel.durations import Geometric, Histogram, Lognormal, Weibull
-from rwa_monitor.wheel.wheel import FrictionRange, SwitchingSystem, Wheel, built_in_wheel
-from tests.switching.assignment_windows import STD, candidates_at, evidence_at, evidence_of, simulate, window
+from rwa_monitor.wheel.wheel import SwitchingSystem, Wheel, built_in_wheel
+from tests.switching.assignment_windows import STD, candidates_at, evidence_at, evidence_of, simulate, system, window
 
 WHEEL = built_in_wheel()
 TOLERANCE = 5  # slots
@@ -41,12 +41,6 @@ def detect(x: np.ndarray, z: np.ndarray, direction: int) -> Evidence:
     accumulator = WindowAccumulator(WHEEL)
     accumulator.append(speed, torque, np.ones(x.size, dtype=np.bool_))
     return accumulator.close()
-
-
-def system(name: str, *laws: object, low: float = 0.3, high: float = 0.6) -> SwitchingSystem:
-    rest = FrictionRange(low=0.0, high=0.0)
-    active = [FrictionRange(low=q * low, high=q * high) for q in range(1, len(laws))]
-    return SwitchingSystem(name=name, durations=laws, friction=(rest, *active))
 
 
 def with_systems(*systems: SwitchingSystem) -> Wheel:

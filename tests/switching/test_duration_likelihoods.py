@@ -9,7 +9,8 @@ from rwa_monitor.switching.carried_state import CarriedState, SystemState
 from rwa_monitor.switching.duration_likelihoods import Onset, onsets, soft_survival_sum, tabulated_durations
 from rwa_monitor.wheel.durations import Geometric, Histogram, Lognormal, Uniform, Weibull
 from rwa_monitor.wheel.switching_systems import simulate_system
-from rwa_monitor.wheel.wheel import FrictionRange, SwitchingSystem
+from rwa_monitor.wheel.wheel import SwitchingSystem
+from tests.switching.assignment_windows import system as system_of
 
 SYSTEMS = {
     "two uniform": SwitchingSystem(name="a", durations=(Uniform(low=3, high=6), Uniform(low=1, high=2))),
@@ -47,11 +48,7 @@ def test_probabilities_of_a_window_add_up_to_one_also_after_earlier_ones(system,
 
 def test_first_sojourn_is_that_of_a_simulated_record():
     """Records begin in the stationary law: how long the first sojourn lasts is what the tables give."""
-    system = SwitchingSystem(
-        name="a",
-        durations=(Uniform(low=20, high=40), Uniform(low=5, high=10)),
-        friction=(FrictionRange(low=0, high=0), FrictionRange(low=1, high=1)),
-    )
+    system = system_of("a", Uniform(low=20, high=40), Uniform(low=5, high=10))
     slots, trials = 30, 4000
     tables = tabulated_durations((system,), np.arange(1, slots), slots, (None,))
     counts = np.zeros((2, slots))
