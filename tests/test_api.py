@@ -153,6 +153,8 @@ def test_reading_warns_of_columns_left_out(tmp_path: Path) -> None:
 def test_what_cannot_be_used_is_refused_with_its_place(wheel: rwa.Wheel, tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"absent\.csv"):
         rwa.read(tmp_path / "absent.csv")
+    with pytest.raises(InputError, match="none given"):
+        rwa.find_discrepancy([], wheel)
     speed_only = rwa.Samples(np.arange(3), np.ones(3))
     with pytest.raises(InputError, match="friction_torque_Nm is missing"):
         rwa.diagnose(speed_only, wheel)

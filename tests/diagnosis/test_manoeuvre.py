@@ -123,3 +123,9 @@ def test_what_no_change_decides_is_exit_code_1(tmp_path: Path) -> None:
     noisy = run("manoeuvre", "viscous", "--wheel", tmp_path / "noisy.toml")
     assert noisy.exit_code == 1
     assert "no change of speed within the wheel's limits" in noisy.stderr
+
+
+def test_a_speed_beyond_the_limit_is_refused_in_one_line() -> None:
+    refused = run("manoeuvre", "dry", "--speed", "10000")
+    assert (refused.exit_code, len(refused.stderr.splitlines())) == (2, 1)
+    assert "limits.max_speed_rad_s" in refused.stderr
