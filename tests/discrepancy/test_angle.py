@@ -1,4 +1,4 @@
-"""What repeats with the wheel's angle is found at any order, passes for nothing else, and shows where the angle drifts."""
+"""What repeats with the angle is found at any order, passes for nothing else, and shows where the angle drifts."""
 
 import numpy as np
 import pytest
