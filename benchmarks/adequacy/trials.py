@@ -90,7 +90,7 @@ def hide_and_diagnose(
     slots
         Length of a window.
     """
-    rng = np.random.default_rng([seed, MEAN_EFFECTS.index(name), MOTIONS.index(motion)])
+    rng = np.random.default_rng([seed, *name.encode(), MOTIONS.index(motion)])  # whatever else is in the catalogue
     wheel = RECIPES["paper"].wheel(rng)
     seeds = rng.integers(2**63, size=windows)
     plain = Scenario(speed=SpeedProfile(kind=motion), duration_s=slots * wheel.sample_period_s)

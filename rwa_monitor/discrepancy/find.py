@@ -75,7 +75,7 @@ def find_discrepancy(
     # DelayTerm is tried if no delay is known, or after one of whole slots was removed: a part of a slot may be left.
     # Else the place of a sample within its slot is corrected already, and would be mistaken for a delay.
     left = delay is None or delay.late_slots == delay.slots != 0
-    missing = [effect for effect in candidates(wheel) if effect is not DelayTerm or left]
+    missing = [effect for effect in candidates(wheel, problem) if effect is not DelayTerm or left]
     silent = lost_without_motor(missing, wheel, problem.records[0].channels)
     tried = [effect for effect in missing if effect.name not in silent and is_observable(problem, effect)]
     no_noise = MORE_SAMPLES if problem.size < FEWEST_FOR_JUMPS else EVEN_CLOCK if bench.noise_is_correlated else None

@@ -29,9 +29,14 @@ from rwa_monitor.wheel.wheel import Wheel
 CANDIDATES: Final = tuple({**MEAN_EFFECTS, **{term.name: term for term in (DelayTerm, *JUMP_TERMS)}}.values())
 
 
-def candidates(wheel: Wheel) -> list[type[MeanEffect]]:
-    """Return the effects with columns that the search tries: all that the wheel file does not have already."""
+def candidates(wheel: Wheel, problem: Problem) -> list[type[MeanEffect]]:
+    """Return the effects with columns that the search tries, without those in the wheel file and superseded ones."""
     known = {block.name for block in wheel.effect}
+    known |= {
+        effect.name
+        for effect in CANDIDATES
+        if any(getattr(record.channels, one) is not None for record in problem.records for one in effect.superseded_by)
+    }
     return [effect for effect in CANDIDATES if effect.name not in known]
 
 

@@ -233,11 +233,9 @@ def _columns_with_level(effect: type[MeanEffect], shape: Shape, followed: Follow
 
 
 def available(problem: Problem, effect: type[MeanEffect]) -> str | None:
-    """Return which channel an effect lacks in these records, or must not have, or None when it can be tried."""
+    """Return which channel an effect lacks in these records, or None when it has all."""
     channels = [record.channels for record in problem.records]
-    lacking = (one for one in sorted(effect.needs) if any(getattr(of, one) is None for of in channels))
-    known = (one for one in sorted(effect.superseded_by) if any(getattr(of, one) is not None for of in channels))
-    return next(lacking, next((f"recordings without {one}" for one in known), None))
+    return next((one for one in sorted(effect.needs) if any(getattr(of, one) is None for of in channels)), None)
 
 
 # ---- models: terms with a fit, how they grew, and what was found -----------------------------------------------------

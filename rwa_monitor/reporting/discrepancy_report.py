@@ -109,7 +109,7 @@ def absent_effects(search: Search) -> list[Detectable]:
     others = named | {name for name, _ in search.result.untested}
     return [
         entry
-        for entry in detectable_strengths(search.problem, search.extended, candidates(search.wheel))
+        for entry in detectable_strengths(search.problem, search.extended, candidates(search.wheel, search.problem))
         if not entry.too_weak and entry.name not in others
     ]
 

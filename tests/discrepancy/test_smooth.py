@@ -218,7 +218,7 @@ def test_two_effects_of_which_neither_alone_explains_what_wanders(seed: int) -> 
 def null_gain(motion: str, correlation: float, seed: int) -> float:
     """Return by how much the best effect lowers the score where nothing is missing."""
     problem = problem_of(null_record(motion, correlation, seed))
-    return best_gain(Fitting(problem, jumps=False), candidates(WHEEL))[1]
+    return best_gain(Fitting(problem, jumps=False), candidates(WHEEL, problem))[1]
 
 
 @pytest.mark.parametrize("seed", [pytest.param(seed, marks=pytest.mark.slow) if seed else 0 for seed in range(9)])
@@ -238,7 +238,7 @@ def test_a_level_that_wanders_hardly_ever_gains_what_a_further_name_asks_for(see
 def test_real_jumps_are_left_to_the_search_with_jumps() -> None:
     samples, _ = record(swing(3000, period_s=120.0), jumps=(700, 1600, 2400))
     problem = problem_of(samples)
-    models = [search(Fitting(problem, jumps=jumps), candidates(WHEEL)).nested[-1] for jumps in (True, False)]
+    models = [search(Fitting(problem, jumps=jumps), candidates(WHEEL, problem)).nested[-1] for jumps in (True, False)]
     assert models[0].fit.jumps.size == 3
     assert models[0].score < models[1].score - ACCEPT_GAIN
 
@@ -254,7 +254,7 @@ few = settings(max_examples=3)
 def strengths(*recordings: Samples, wheel: Wheel = WHEEL) -> Named:
     """Return the first strength of each effect that is named, with its standard deviation."""
     problem = problem_of(*recordings, wheel=wheel)
-    found = search(Fitting(problem, jumps=False), candidates(wheel))
+    found = search(Fitting(problem, jumps=False), candidates(wheel, problem))
     model = found.nested[-1]
     _, errors = spread(problem, model)
     return {
