@@ -26,12 +26,19 @@ from rwa_monitor.simulation.motion import ProfileKind, SpeedProfile
 from rwa_monitor.simulation.record import Truth, simulate
 from rwa_monitor.simulation.scenario import Anomaly, Scenario
 from rwa_monitor.switching.carried_state import CarriedState
+from rwa_monitor.wheel.effects import catalogue
 from rwa_monitor.wheel.effects.base import Channels, MeanEffect
 from rwa_monitor.wheel.effects.catalogue import CATALOGUE, to_block
 from rwa_monitor.wheel.wheel import EffectBlock, Wheel
 
 MOTIONS: Final[tuple[ProfileKind, ...]] = ("one_direction", "crossings", "rich", "orbit")
-MEAN_EFFECTS: Final = tuple(name for name, effect in CATALOGUE.items() if issubclass(effect, MeanEffect))
+# An effect's place decides what is drawn for it: those that take another's place, added later, come last.
+MEAN_EFFECTS: Final = tuple(
+    sorted(
+        catalogue.MEAN_EFFECTS,
+        key=lambda name: bool(catalogue.MEAN_EFFECTS[name].superseded_by),
+    )
+)
 WINDOW_SLOTS: Final = 80_000  # of the paper
 SHAPE_SPREAD: Final = 2.0  # shape parameters are drawn within this factor of the catalogue's typical value
 
@@ -90,7 +97,7 @@ def hide_and_diagnose(
     slots
         Length of a window.
     """
-    rng = np.random.default_rng([seed, *name.encode(), MOTIONS.index(motion)])  # whatever else is in the catalogue
+    rng = np.random.default_rng([seed, MEAN_EFFECTS.index(name), MOTIONS.index(motion)])
     wheel = RECIPES["paper"].wheel(rng)
     seeds = rng.integers(2**63, size=windows)
     plain = Scenario(speed=SpeedProfile(kind=motion), duration_s=slots * wheel.sample_period_s)

@@ -64,4 +64,5 @@ def test_a_slice_of_the_suite(tmp_path: Path, names: tuple[str, ...]) -> None:
 
 
 def test_every_effect_of_the_catalogue_can_be_hidden() -> None:
-    assert {*MEAN, *NOISE_EFFECTS, *SWITCHING_EFFECTS} == set(CATALOGUE)
+    # A lag of the drive is hidden by `tests/discrepancy/test_smooth.py`: the suite's friction is measured, not derived.
+    assert {*MEAN, *NOISE_EFFECTS, *SWITCHING_EFFECTS} == CATALOGUE.keys() - {"drive_lag"}
