@@ -22,7 +22,7 @@ from rwa_monitor.discrepancy.shape_profile import FEW_CHOICES, is_logarithmic, r
 from rwa_monitor.discrepancy.terms import Found, Model, Term, make_term
 from rwa_monitor.samples import FloatArray
 from rwa_monitor.wheel.effects.base import Effect, Family
-from rwa_monitor.wheel.effects.catalogue import CATALOGUE, effect_class
+from rwa_monitor.wheel.effects.catalogue import CATALOGUE, MEAN_EFFECTS, effect_class
 from rwa_monitor.wheel.effects.formula import BLOCK, Formula
 from rwa_monitor.wheel.effects.tachometer import SpeedDeadZone
 from rwa_monitor.wheel.effects.torque_ripple import MAX_HARMONIC, TorqueRipple, angle_range_turns
@@ -78,7 +78,7 @@ def _with_unmeasured_equivalent(problem: Problem, effect: FoundEffect, cause: st
     Viscosity that falls as the bearing warms changes drag in proportion to speed, running-in changes it at any speed:
     at one speed the two are the same curve over time, and only there is the cause added.
     """
-    other = CATALOGUE.get(cause)
+    other = MEAN_EFFECTS.get(cause)
     if other is None or (other.shows_at_one_speed and not problem.at_one_speed) or cause in effect.equivalent:
         return effect
     if any(getattr(record.channels, channel) is not None for record in problem.records for channel in other.needs):
