@@ -415,9 +415,8 @@ def _slots_of(samples: Samples, wheel: Wheel, source: str) -> IntArray:
     slot = SlotGrid(int(samples.time_ns[0]), wheel.period_ns).slot_of(samples.time_ns)
     count = int(slot[-1]) + 1
     step_ns = float(np.median(np.diff(samples.time_ns, prepend=samples.time_ns[0])))
-    if count > most_steps_per_sample(samples) * len(samples) * max(
-        step_ns / wheel.period_ns, 1.0
-    ):  # another recording may have shorter steps
+    slots_per_step = max(step_ns / wheel.period_ns, 1.0)  # another recording may have shorter steps
+    if count > most_steps_per_sample(samples) * len(samples) * slots_per_step:
         raise InputError(
             source,
             f"{len(samples)} samples span {count} slots of {wheel.sample_period_s} s: most of the recording is missing;"
@@ -498,10 +497,11 @@ def _slope(speed: FloatArray, hole: int, reach: int, corners: BoolArray) -> Floa
 
 
 def _bend(speed: FloatArray, slope: FloatArray) -> FloatArray:
-    """Return the second derivative of the speed per slot², float64 (n,), never from the slot itself.
+    """Return the second derivative of the speed per slot², float64 (n,).
 
-    From the slope per slot, in which there is little noise; where that misses more of the motion than noise would
-    differ by, from the two slots on each side, NaN where one of them is unknown.
+    From the slope per slot, in which there is little noise; where that misses more of the motion than twice what noise
+    would differ by, from the two slots on each side, NaN where one of them is unknown. The slot itself is left out:
+    a controller answers its noise with a torque.
     """
     weights = np.array([1.0, -1.0, 0.0, -1.0, 1.0]) / 3.0
     nearest: FloatArray = correlate1d(speed, weights, mode="constant", cval=np.nan)
