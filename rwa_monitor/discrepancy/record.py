@@ -506,7 +506,7 @@ def _bend(speed: FloatArray, slope: FloatArray) -> FloatArray:
     weights = np.array([1.0, -1.0, 0.0, -1.0, 1.0]) / 3.0
     nearest: FloatArray = correlate1d(speed, weights, mode="constant", cval=np.nan)
     usual, known = np.gradient(slope), np.isfinite(nearest)
-    noise = float(weights @ weights) * _noise_of_differences(speed)
+    noise = weights @ weights * _noise_of_differences(speed)
     missed = float(np.sum((nearest - usual) ** 2, where=known))
     return nearest if missed > 2.0 * noise * _count(known) else usual
 
