@@ -37,6 +37,7 @@ from rwa_monitor.changepoints.estimation import Blocks, residual_blocks
 from rwa_monitor.changepoints.noise import NORMAL_MEDIAN, ar_coefficient, median_size
 from rwa_monitor.changepoints.stage_results import REJECTED, UNATTRIBUTED, Assignment, Components, Estimate, Evidence
 from rwa_monitor.diagnosis.features import Features
+from rwa_monitor.kernels.noise import lagged_products
 from rwa_monitor.kernels.running_sums import BLOCK, STRIDE
 from rwa_monitor.samples import TINY, FloatArray, IntArray
 from rwa_monitor.wheel.switching_systems import jump_rate
@@ -56,7 +57,7 @@ SMALLEST_SPREAD: Final = 1e-9  # centred over plain sum of squares: below, round
 EXCESS_SIGMAS: Final = 3.0
 CLEAR_TREND: Final = 0.6  # rank correlation of slope and speed from which its sign suggests an effect
 
-PERSISTENCE_LAGS: Final = range(2, 9)
+PERSISTENCE_LAGS: Final = np.arange(2, 9)
 FEWEST_BLOCKS: Final = 40  # with fewer, the statistic's asymptotic distribution does not hold
 # Residuals of blocks are compared with those two to eight blocks later, so that at least one block lies in between.
 # Noise with a memory shorter than a block gives χ² with seven degrees of freedom; AR(1) noise is corrected for.
@@ -352,26 +353,17 @@ def persistence(blocks: Blocks, correlation: float) -> tuple[float, float]:
         return 0.0, 0.0
     usable = blocks.usable.astype(np.float64)
     capped = np.clip(value / scale, -DISAGREEING_SIGMAS, DISAGREEING_SIGMAS) * usable
-    pairs = _lagged_products(usable, interval, intervals)
+    pairs = lagged_products(usable, interval, intervals, PERSISTENCE_LAGS)
     # Subtracting the level of an interval of m blocks correlates any two of them by -1/m.
     expected = np.array([_ar_block_correlation(correlation, blocks.size, lag) for lag in PERSISTENCE_LAGS])
     level = 1.0 / np.maximum(np.bincount(interval, usable, intervals), 1.0)
-    products = _lagged_products(capped, interval, intervals) - pairs * (expected - level[:, None])
+    products = lagged_products(capped, interval, intervals, PERSISTENCE_LAGS) - pairs * (expected - level[:, None])
     if np.count_nonzero(pairs[:, 0]) >= MIN_EVIDENCE:
         worst = np.argmax(np.square(products).sum(axis=1))
         products[worst] = pairs[worst] = 0.0
     total, count = products.sum(axis=0), np.maximum(pairs.sum(axis=0), 1.0)
     mean_product = scale * scale * float(np.abs(total / count).max())
     return float((total * total / count).sum()), math.sqrt(mean_product / blocks.size)
-
-
-def _lagged_products(value: FloatArray, interval: IntArray, intervals: int) -> FloatArray:
-    """Return the sums of products of values that are PERSISTENCE_LAGS apart in one interval, (intervals, lags)."""
-    columns = []
-    for lag in PERSISTENCE_LAGS:
-        products = np.where(interval[lag:] == interval[:-lag], value[lag:] * value[:-lag], 0.0)
-        columns.append(np.bincount(interval[lag:], products, intervals))
-    return np.stack(columns, axis=1)
 
 
 def _ar_block_correlation(phi: float, size: int, lag: int) -> float:

@@ -150,7 +150,8 @@ def verdict_of(findings: Findings) -> tuple[Verdict, str]:
     if certain:
         return "anomalous", reason_anomalous(certain)
     for one in findings.anomalies:
-        if _rested(one) or not one.known:
+        rested = one.nominal_low == one.nominal_high == 0.0  # throughout: no friction, healthy or not
+        if rested or not one.known:
             continue
         if low < one.probability and (one.probability < high or one.name in unsure):
             return "inconclusive", (
@@ -280,11 +281,6 @@ def _leaning(anomalies: Sequence[AnomalyDiagnosis]) -> str:
 
 
 # ---- where an estimate lies ------------------------------------------------------------------------------------------
-
-
-def _rested(one: AnomalyDiagnosis) -> bool:
-    """Return whether the entry is that of a system that rested throughout: no friction, healthy or not."""
-    return one.nominal_low == one.nominal_high == 0.0
 
 
 def _exchanged(findings: Findings) -> AnomalyDiagnosis | None:

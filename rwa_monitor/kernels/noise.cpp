@@ -242,8 +242,23 @@ Noise learn_noise(
     return {levels, counts, variances, quantiles_of(histogram.row(0), jump_share)};
 }
 
+// ---- how long residuals remember ----
+
+// Sums of the products of values that are one of the `lags`, ascending, apart and in one interval, (intervals, lags).
+NewMatrix lagged_products(Floats value, Integers interval, int64_t intervals, Integers lags) {
+    NewMatrix sums({intervals, lags.size()});
+    for (int64_t i : range(value.size())) {
+        for (int64_t l : range(lags.size())) {
+            const int64_t before = i - lags[l];
+            if (before < 0 || interval[before] != interval[i]) break;
+            sums(interval[i], l) += value[i] * value[before];
+        }
+    }
+    return sums;
+}
+
 STAGE(noise, LAGS, SMALLEST_STD, KEPT, KEPT_MEAN, JUMPED, JUMPED_RATE, MOST_JUMPED, lean,
       scale_variances, block_differences, quiet_levels, contrast_variances, CHI_MEDIAN, GAUSSIAN_RATIO, quantiles_of,
-      are_heavy)
+      are_heavy, lagged_products)
 
 }  // namespace rwa

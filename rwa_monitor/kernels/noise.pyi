@@ -89,3 +89,18 @@ def quantiles_of(counts: IntArray, jump_share: float) -> tuple[float, float, flo
 
 def are_heavy(quantiles: tuple[float, float, float], variance: float) -> bool:
     """Return whether tails are heavier than a Gaussian's; parameters as those of `noise.largest_outlier`."""
+
+def lagged_products(value: FloatArray, interval: IntArray, intervals: int, lags: IntArray) -> FloatArray:
+    """Return the sums of products of values that are so many places apart and in one interval.
+
+    Parameters
+    ----------
+    value, interval
+        (n,), and the interval of each, ascending.
+    lags
+        int64 (L,), ascending.
+
+    Returns
+    -------
+    float64 (intervals, L).
+    """

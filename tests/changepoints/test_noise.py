@@ -18,6 +18,7 @@ from rwa_monitor.kernels.noise import (
     LAGS,
     block_differences,
     contrast_variances,
+    lagged_products,
     quantiles_of,
     quiet_levels,
     scale_variances,
@@ -178,3 +179,14 @@ def test_variance_of_a_mean_is_the_double_sum_over_its_samples():
         apart = np.abs(np.subtract.outer(np.arange(n), np.arange(n)))
         of_pairs = np.where(apart < covariance.size, covariance[np.minimum(apart, covariance.size - 1)], 0.0)
         assert factor == pytest.approx(of_pairs.sum() / n, rel=1e-12)
+
+
+@pytest.mark.parametrize("n", [1, 12, 300])
+def test_lagged_products_stay_within_their_interval(n):
+    rng = np.random.default_rng(n)
+    value, interval = rng.standard_normal(n), np.sort(rng.integers(0, 5, n))
+    expected = np.zeros((5, 7))
+    for i in range(n):
+        for lag in range(2, min(i, 8) + 1):
+            expected[interval[i], lag - 2] += value[i] * value[i - lag] * (interval[i] == interval[i - lag])
+    np.testing.assert_allclose(lagged_products(value, interval, 5, np.arange(2, 9)), expected, rtol=1e-12)
