@@ -83,7 +83,8 @@ def _with_unmeasured_equivalent(problem: Problem, effect: FoundEffect, cause: st
         return effect
     if any(getattr(record.channels, channel) is not None for record in problem.records for channel in other.needs):
         return effect
-    return replace(effect, equivalent=(*effect.equivalent, cause), separate_by=other.separate_by)
+    separate_by = f"{effect.separate_by} {other.separate_by}"
+    return replace(effect, equivalent=(*effect.equivalent, cause), separate_by=separate_by)
 
 
 def found_delay(problem: Problem, delay: Delay) -> FoundEffect:
