@@ -311,7 +311,9 @@ def _channels(
 ) -> Channels:
     """Return the motion as given to the effects; `slope` of the speed per slot, float64 (n,)."""
     speed, torque = motion.speed_rad_s, motion.torque_Nm
+    good = np.isfinite(speed) & np.isfinite(friction)
     turned = wheel_angle(_without_gaps(speed), wheel.sample_period_s)
+    turned = turned - turned[np.argmax(good)]  # as an effect counts it: its strengths hold from there
     measured = _measured_angle(_on_grid(samples.angle_rad, slot), turned)
     return Channels(
         time_s=np.arange(speed.size, dtype=np.float64) * wheel.sample_period_s,
@@ -322,7 +324,7 @@ def _channels(
         motor_torque_Nm=None if torque is None else _from_neighbours(torque, 0),
         bearing_temperature_degC=_smoothed_slow_channel(_on_grid(samples.bearing_temperature_degC, slot)),
         sample_period_s=wheel.sample_period_s,
-        good=np.isfinite(speed) & np.isfinite(friction),
+        good=good,
         motor_torque_rate_Nm_s=(None if torque is None else _from_neighbours(torque, 1) / wheel.sample_period_s),
         acceleration_rate_rad_s3=_bend(speed, slope) / wheel.sample_period_s**2 if torque is None else None,
         measured_angle_rad=measured,

@@ -48,7 +48,9 @@ def test_a_rub_by_the_angle_is_reported_with_its_order_and_feeds_no_other_name(s
 @pytest.mark.parametrize(("seed", "order"), [pytest.param(53033, 0.393, marks=pytest.mark.slow), (53034, 30.67)])
 def test_a_ripple_of_no_whole_order_is_named_with_its_order(seed: int, order: float) -> None:
     rng = np.random.default_rng(seed)
-    found = search(record(slow(rng), order, 0.0, 1e-4, rng), WHEEL)
+    samples = record(slow(rng), order, 0.0, 1e-4, rng)
+    samples.friction_torque_Nm[:57] = np.nan  # the wheel turns, as where friction cannot be derived yet
+    found = search(samples, WHEEL)
     (ripple,) = found.result.effects
     assert ripple.name == "torque_ripple"
     assert "torque_ripple" not in dict(found.result.untested)
