@@ -574,8 +574,14 @@ class Gain(_Rmse):
 
     @property
     def is_a_loss(self) -> bool:
-        """Whether the extension is worse than the base model on held-out data, by RMSE or by log score."""
-        return super().is_a_loss or self.log_score_extended < self.log_score_base
+        """Whether the extension is worse than the base model on held-out data.
+
+        By RMSE, and by log score unless the RMSE falls without more jumps: noise with a long memory predicts a sample
+        from the one before so well that a base model may lack any law and still have the higher log score.
+        """
+        falls = self.rmse_extended_Nm < (1.0 - TOLERATED_RISE) * self.rmse_base_Nm
+        falls = falls and self.changepoints_extended <= self.changepoints_base
+        return super().is_a_loss or (self.log_score_extended < self.log_score_base and not falls)
 
     @property
     def only_by_fewer_jumps(self) -> bool:
