@@ -355,7 +355,7 @@ def persistence(blocks: Blocks, correlation: float) -> tuple[float, float]:
     capped = np.clip(value / scale, -DISAGREEING_SIGMAS, DISAGREEING_SIGMAS) * usable
     pairs = lagged_products(usable, interval, intervals, PERSISTENCE_LAGS)
     # Subtracting the level of an interval of m blocks correlates any two of them by -1/m.
-    expected = np.array([_ar_block_correlation(correlation, blocks.size, lag) for lag in PERSISTENCE_LAGS])
+    expected = np.array([_ar_block_correlation(correlation, blocks.size, lag) for lag in PERSISTENCE_LAGS.tolist()])
     level = 1.0 / np.maximum(np.bincount(interval, usable, intervals), 1.0)
     products = lagged_products(capped, interval, intervals, PERSISTENCE_LAGS) - pairs * (expected - level[:, None])
     if np.count_nonzero(pairs[:, 0]) >= MIN_EVIDENCE:

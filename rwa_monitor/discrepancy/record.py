@@ -191,8 +191,8 @@ def make_record(samples: Samples, wheel: Wheel, source: str, delay: alignment.De
 
     at_corner = _corners(speed, hole + reach)
     noise = _speed_noise(speed)
-    channels = _channels(samples, motion, friction, slot, wheel, _slope(speed, hole, reach, at_corner))
-    good, direction = channels.good, channels.direction
+    channels = _channels(samples, motion, slot, wheel, _slope(speed, hole, reach, at_corner))
+    good, direction = channels.good & np.isfinite(friction), channels.direction
     moving = good & ~_at_rest(speed, noise, wheel.window.dead_band_rad_s) & (direction != 0)
     averaged = averages_over_reversals(speed, np.where(moving, direction * friction, np.nan), noise)
     # A dead zone of the readings hides the reversals from which averaging is recognised: it is then assumed.
@@ -306,14 +306,12 @@ def temperature_range(records: Sequence[Record]) -> TemperatureRange | None:
     return TemperatureRange(low_degC=round(low - beyond, 2), high_degC=round(high + beyond, 2))
 
 
-def _channels(
-    samples: Samples, motion: Motion, friction: FloatArray, slot: IntArray, wheel: Wheel, slope: FloatArray
-) -> Channels:
+def _channels(samples: Samples, motion: Motion, slot: IntArray, wheel: Wheel, slope: FloatArray) -> Channels:
     """Return the motion as given to the effects; `slope` of the speed per slot, float64 (n,)."""
     speed, torque = motion.speed_rad_s, motion.torque_Nm
-    good = np.isfinite(speed) & np.isfinite(friction)
+    good = np.isfinite(speed)  # as in diagnosis: an effect with a memory follows the wheel where friction is not known
     turned = wheel_angle(_without_gaps(speed), wheel.sample_period_s)
-    turned = turned - turned[np.argmax(good)]  # as an effect counts it: its strengths hold from there
+    turned = turned - turned[np.argmax(good)]  # an effect counts it from there
     measured = _measured_angle(_on_grid(samples.angle_rad, slot), turned)
     return Channels(
         time_s=np.arange(speed.size, dtype=np.float64) * wheel.sample_period_s,
