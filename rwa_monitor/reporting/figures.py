@@ -54,7 +54,7 @@ def overlay(search: Search) -> Figure:
     axes["A"].plot(*_thin(time_s, record.channels.speed_rad_s[problem.slot[:end]]), color="black", lw=0.8)
     axes["A"].set(ylabel="speed ω [rad/s]", title="the manoeuvre")
     axes["B"].plot(*_thin(time_s, measured), color=MEASURED, lw=2.0, label="measured")
-    axes["C"].plot(time_s[zoom], measured[zoom], ".", color=MEASURED, ms=2.5)
+    axes["C"].plot(time_s[zoom], measured[zoom], ".", color=MEASURED, ms=2.5 + 100.0 / (zoom.stop - zoom.start))
     for name, residual in left.items():
         for axis, part in ((axes["B"], slice(0, end)), (axes["C"], zoom)):
             axis.plot(*_thin(time_s[part], (measured - residual)[part]), lw=1.3, label=name, **STYLES[name])
@@ -130,15 +130,15 @@ def view_picture(view: View, title: str, x_label: str, y_label: str, both: bool)
 
 
 def gains_picture(search: Search) -> Figure:
-    """Draw each nested model's gain on held-out data over the base model, and its number of jumps."""
+    """Draw each nested model's gain on held-out data over the base model, and its number of jumps, if there are any."""
     nested = nested_models(search)
     figure = Figure(figsize=(9, 0.55 * len(nested) + 1.3), layout="constrained")
-    left, right = figure.subplots(1, 2, sharey=True)
+    counts = [model.jumps for model in nested]
+    left, *others = np.ravel(figure.subplots(1, 1 + any(counts), sharey=True))
     at = np.arange(len(nested))
     colours = [BASE, *([EXTENDED] * (len(nested) - 1))]
     for k, model in enumerate(nested):
-        marker = "s" if k else "o"
-        left.errorbar(model.total, k, xerr=model.total_half, fmt=marker, color=colours[k], capsize=4, ms=6)
+        left.errorbar(model.total, k, xerr=model.total_half, fmt="os"[k > 0], color=colours[k], capsize=4, ms=6)
     left.axvline(0.0, color="black", lw=0.8)
     left.set(
         xlabel="log score gained [nats per sample], 95 %",
@@ -148,11 +148,11 @@ def gains_picture(search: Search) -> Figure:
     left.xaxis.set_major_locator(MaxNLocator(5))
     left.invert_yaxis()
     left.grid(alpha=0.25)
-    bars = right.barh(at, [model.jumps for model in nested], color=colours, height=0.55)
-    right.bar_label(bars, padding=3)
-    right.set(xlabel="jumps needed [-]")
-    right.xaxis.set_major_locator(MaxNLocator(5, integer=True))
-    right.margins(x=0.12)
+    for right in others:
+        right.bar_label(right.barh(at, counts, color=colours, height=0.55), padding=3)
+        right.set(xlabel="jumps needed [-]")
+        right.xaxis.set_major_locator(MaxNLocator(5, integer=True))
+        right.margins(x=0.12)
     return figure
 
 

@@ -20,7 +20,7 @@ from rwa_monitor.samples import FloatArray, IntArray
 from rwa_monitor.wheel.effects.base import Channels
 
 BINS: Final = 24  # of equal counts
-MIN_PER_BIN: Final = 12  # samples; fewer make no mean
+MIN_PER_BIN: Final = 12  # samples; fewer make no mean, except where a record is short
 SLEW_SHARE: Final = 0.5  # of the largest |dω/dt|, above which the wheel slews
 LAGS: Final = 40  # slots of the autocorrelation
 JUMP_RATE_BINS: Final = 8
@@ -68,7 +68,7 @@ def all_views(problem: Problem, base: Model, extended: Model) -> list[View]:
     for name, draw in VIEWS.items():
         before = draw(problem, extended, residual, base)
         after = draw(problem, extended, extended.fit.residual, extended)
-        if before is not None and after is not None:
+        if before is not None and after is not None and before.x.size:
             views.append(View(name, before, after))
     return views
 
@@ -93,9 +93,9 @@ def _period_s(problem: Problem) -> float:
 
 
 def means_in_bins(at: IntArray, *values: FloatArray) -> tuple[list[FloatArray], IntArray]:
-    """Return the means of values in bins, int64 (n,), of `MIN_PER_BIN` samples or more, and their numbers."""
+    """Return the means of values in bins, int64 (n,), and their numbers of samples; see `MIN_PER_BIN`."""
     count = np.bincount(at)
-    full = count >= MIN_PER_BIN
+    full = count >= max(min(MIN_PER_BIN, at.size // BINS), 1)
     return [np.bincount(at, one)[full] / count[full] for one in values], count[full]
 
 

@@ -20,6 +20,8 @@ from rwa_monitor.discrepancy.record import make_record
 from rwa_monitor.discrepancy.result import Search
 from rwa_monitor.errors import InputError
 from rwa_monitor.identification.identify import identify
+from rwa_monitor.reporting import figures
+from rwa_monitor.reporting.residual_views import all_views
 from rwa_monitor.samples import Samples, concatenate
 from rwa_monitor.telemetry.table import read_table
 from rwa_monitor.wheel.torque_balance import torque_per_ampere
@@ -93,6 +95,16 @@ def test_a_wheel_with_its_motor_off_shows_its_drag_from_time_and_speed_alone(une
     untested = dict(search.result.untested)
     for name in ("inertia_error", "torque_constant_error", "current_delay"):
         assert SCALED_ONLY in untested[name]
+
+
+def test_the_report_of_a_short_run_down_has_no_empty_picture() -> None:
+    coast = run_down(WINDAGE)
+    search = find_discrepancy([("coast", coast[: len(coast) // 90 * 90 : len(coast) // 90])], bench())
+    assert 60 < search.problem.size < 100
+    axis = figures.friction_over_speed(search).axes[0]
+    assert max(np.size(bars.lines[0].get_xdata()) for bars in axis.containers) > 10
+    assert len(figures.gains_picture(search).axes) == 1  # none for jumps, as there are none
+    assert all(view.base.x.size for view in all_views(search.problem, search.base, search.extended))
 
 
 def test_without_motor_no_curve_over_the_acceleration_explains_its_own_multiple() -> None:
