@@ -11,7 +11,7 @@ from matplotlib.ticker import MaxNLocator
 
 from rwa_monitor.discrepancy.result import Search, nested_models
 from rwa_monitor.reporting.residual_views import View, base_residual, means_in_bins
-from rwa_monitor.samples import FloatArray, IntArray
+from rwa_monitor.samples import TINY, FloatArray, IntArray
 
 BASE, EXTENDED, MEASURED = "#c1440e", "#1f6f8b", "#8a8a8a"  # orange-red, teal, grey: distinct if colour-blind, too
 AS_IT_IS, WITH_EFFECTS = "simulation as it is", "simulation extended"
@@ -24,7 +24,7 @@ MAX_POINTS: Final = 2500  # of a line in a figure
 STANDARD_ERRORS: Final = 2.0  # half-length of the error bars of all views
 STEADY_SHARE: Final = 0.1  # of the largest acceleration, below which the speed counts as steady
 BIN_RATIO: Final = 0.1  # width of a bin of the speed, as a share of the speed
-SLOW_RAD_S: Final = 1.0  # speed below which bins get no narrower
+SLOW_SHARE: Final = 0.002  # of the top speed, below which bins get no narrower
 
 
 def _residuals(search: Search) -> dict[str, FloatArray]:
@@ -177,7 +177,8 @@ def _means_over(speed: FloatArray, torque: FloatArray) -> tuple[FloatArray, Floa
 
     No bin holds both directions, and bins are narrow near zero, where friction changes fastest.
     """
-    bin_of = np.sign(speed) * np.ceil(np.log1p(np.abs(speed) / SLOW_RAD_S) / BIN_RATIO)
+    slow = SLOW_SHARE * np.abs(speed).max(initial=TINY)
+    bin_of = np.sign(speed) * np.ceil(np.log1p(np.abs(speed) / slow) / BIN_RATIO)
     (x, y), count = means_in_bins((bin_of - bin_of.min(initial=0.0)).astype(np.int64), speed, torque)
     return x, y, count
 

@@ -20,7 +20,7 @@ from rwa_monitor.samples import FloatArray, IntArray
 from rwa_monitor.wheel.effects.base import Channels
 
 BINS: Final = 24  # of equal counts
-MIN_PER_BIN: Final = 12  # samples; fewer make no mean, except where a record is short
+MIN_PER_BIN: Final = 12  # samples; fewer make no mean, unless that is half of what a bin holds on average
 SLEW_SHARE: Final = 0.5  # of the largest |dω/dt|, above which the wheel slews
 LAGS: Final = 40  # slots of the autocorrelation
 JUMP_RATE_BINS: Final = 8
@@ -95,7 +95,7 @@ def _period_s(problem: Problem) -> float:
 def means_in_bins(at: IntArray, *values: FloatArray) -> tuple[list[FloatArray], IntArray]:
     """Return the means of values in bins, int64 (n,), and their numbers of samples; see `MIN_PER_BIN`."""
     count = np.bincount(at)
-    full = count >= max(min(MIN_PER_BIN, at.size // BINS), 1)
+    full = count >= max(min(MIN_PER_BIN, at.size / (2 * max(int(np.count_nonzero(count)), 1))), 1)
     return [np.bincount(at, one)[full] / count[full] for one in values], count[full]
 
 
