@@ -237,7 +237,7 @@ class Wheel(TomlFile):
     def missing(self) -> list[str]:
         """Return, in words, what this wheel lacks and what that disables; empty when complete."""
         notes = []
-        if self.inertia_kg_m2 is None or self.torque_constant_Nm_A is None:
+        if self.inertia_kg_m2 is None or (self.torque_constant_Nm_A is None and not self.friction.motor_off):
             notes.append("no inertia or torque constant: friction cannot be derived from motor current")
         if self.nominal is None:
             notes.append("no [nominal]: no classification of anomalies, torque is not normalised")

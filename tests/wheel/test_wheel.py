@@ -20,6 +20,8 @@ def test_minimal_wheel_reports_what_it_lacks():
     wheel = Wheel.from_toml(MINIMAL, "w.toml")
     assert (wheel.torque_unit_Nm, wheel.speed_unit_rad_s, wheel.anomalies) == (1.0, 1.0, ("dry", "viscous"))
     assert len(wheel.missing()) == 3
+    run_down = Wheel.from_toml(f"{MINIMAL}inertia_kg_m2 = 1.0\n[friction]\nmotor_off = true\n", "w.toml")
+    assert run_down.missing() == wheel.missing()[1:]  # without a motor, the inertia is enough
 
 
 LAWS = st.one_of(
