@@ -116,8 +116,9 @@ ChannelName = Literal[
     "motor_voltage_V",
     "bearing_temperature_degC",
 ]
+TableChannelName = Literal[ChannelName, "angle_rad", "body_momentum_Nms", "bus_voltage_V", "drive_power_W"]
 CHANNELS: Final[tuple[str, ...]] = get_args(ChannelName)
-TABLE_CHANNELS: Final = (*CHANNELS, "angle_rad", "body_momentum_Nms", "bus_voltage_V", "drive_power_W")
+TABLE_CHANNELS: Final[tuple[str, ...]] = get_args(TableChannelName)
 
 
 def concatenate(parts: list[Samples]) -> Samples:

@@ -60,7 +60,9 @@ SENSOR_LAG_S: Final = (300.0, 1200.0)  # s, tens of minutes at most for a wheel 
 # 0.98 in the residual of the fitted law, spread up to three times larger at speed, 3.5 to 12 degrees of freedom),
 # converted to the wheel's own period. Quanta are those of 13 to 16 bits over twice the maximum current. No available
 # record is long enough to measure a drift over hours: that, and the sizes of the anomalies, are working assumptions.
-# Durations are those of `paper`.
+# Durations and jumps are those of `paper`: public reports of flown wheels state no sizes, and times only of what lasts
+# longer than a window: FUSE, "a week or two" of raised friction before a stop (status report 104, 2007); Cassini, a
+# wheel that was normal again within two days (December 2000); Kepler's wheel 4, raised from January to May 2013.
 FLOWN_CORRELATION_TIME_S: Final = (0.0086, 0.25)  # s, of an AR(1) with that correlation
 FLOWN_TAILS: Final = (3.5, 12.0)  # degrees of freedom
 FLOWN_SPREAD: Final = (1.0, 3.0)  # of the noise at nominal speed over that at rest

@@ -20,7 +20,7 @@ from rwa_monitor.samples import SECONDS_PER_HOUR, BoolArray, FloatArray, IntArra
 from rwa_monitor.simulation.motion import ORBIT_S, ROUNDING, Motion, simulate_motion, wheel_angle
 from rwa_monitor.simulation.scenario import Scenario, Temperature
 from rwa_monitor.wheel import torque_balance
-from rwa_monitor.wheel.effects.base import Channels, Effect, MeanEffect, NoiseEffect
+from rwa_monitor.wheel.effects.base import Channels, Effect, MeanEffect, NoiseEffect, Quantity
 from rwa_monitor.wheel.effects.catalogue import build
 from rwa_monitor.wheel.effects.switching_base import JumpClock, Jumps, SwitchingEffect
 from rwa_monitor.wheel.switching_systems import Realisation, simulate_system
@@ -180,6 +180,8 @@ ROTOR_TIME_CONSTANT_S: Final = 1200.0  # s, bearing against housing: tens of min
 DISSIPATION_K_W: Final = 2.0  # K/W, bearing above the housing per watt of friction
 ORBITAL_SWING_K: Final = (1.0, 5.0)  # K, peak to peak over an orbit; a working assumption
 COUPLING_ROUNDS: Final = 100
+BUS_VOLTAGE_V: Final = 28.0  # V, a regulated bus (ECSS-E-ST-20C); nothing in a simulated wheel depends on it
+STANDBY_W: Final = 3.0  # W, power of the drive's electronics; a working assumption
 QUANTUM_STD: Final = 12.0**-0.5  # of the rounding error, in steps: uniform over one step
 
 
@@ -464,12 +466,16 @@ def _measure(
     """Return the sensors' readings, one row for each slot."""
     sensors = scenario.sensors.for_wheel(wheel)
     # A random stream for each channel: leaving one out changes none of the others.
-    speed_rng, current_rng, voltage_rng, temperature_rng = rng.spawn(4)
+    speed_rng, current_rng, voltage_rng, temperature_rng, bus_rng, power_rng, momentum_rng = rng.spawn(7)
     true = parts.channels.speed_rad_s
     speed = measure(true, sensors["speed_noise_rad_s"], sensors["speed_quantum_rad_s"], speed_rng)
     channels: dict[str, Any] = {
         "speed_rad_s": _read_speed(parts.effects, true, speed),
         "bearing_temperature_degC": measure(parts.temperature, sensors["temperature_noise_K"], 0.0, temperature_rng),
+    }
+    on_request = {
+        "angle_rad": parts.channels.angle_rad,
+        "bus_voltage_V": measure(np.full(true.size, BUS_VOLTAGE_V), sensors["voltage_noise_V"], 0.0, bus_rng),
     }
     if scenario.friction_given:
         channels["friction_torque_Nm"] = quantised(torque, sensors["friction_quantum_Nm"])
@@ -478,20 +484,28 @@ def _measure(
         current = motor / per_ampere
         measured = measure(current, sensors["current_noise_A"], sensors["current_quantum_A"], current_rng)
         channels["motor_current_A"] = measured
-        channels["motor_torque_Nm"] = per_ampere * measured
+        on_request["motor_torque_Nm"] = per_ampere * measured
         if wheel.winding_resistance_ohm is not None and wheel.back_emf_constant_V_s_rad is not None:
-            off = sum(effect.values["strength"] for effect in parts.effects if effect.error_of == "torque constant")
-            per_speed = (1.0 - off) * wheel.back_emf_constant_V_s_rad * (wheel.gear_ratio or 1.0)
-            voltage = wheel.winding_resistance_ohm * current + per_speed * true
+            per_speed = (1.0 - _error_of("torque constant", parts.effects)) * wheel.back_emf_constant_V_s_rad
+            voltage = wheel.winding_resistance_ohm * current + per_speed * (wheel.gear_ratio or 1.0) * true
             channels["motor_voltage_V"] = measure(voltage, sensors["voltage_noise_V"], 0.0, voltage_rng)
-    if scenario.channels is None:
-        channels.pop("motor_torque_Nm", None)
-    else:
+            power = STANDBY_W + voltage * current
+            on_request["drive_power_W"] = measure(power, sensors["power_noise_W"], 0.0, power_rng)
+    if wheel.inertia_kg_m2 is not None:
+        momentum = -(wheel.inertia_kg_m2 + _error_of("inertia", parts.effects)) * true
+        on_request["body_momentum_Nms"] = measure(momentum, sensors["momentum_noise_Nms"], 0.0, momentum_rng)
+    if scenario.channels is not None:
+        channels |= on_request
         if name := next((one for one in scenario.channels if one not in channels), ""):
             raise InputError("scenario", f"{name} is not given, or the wheel lacks constants for it", "channels")
         channels = {name: channels[name] for name in ("speed_rad_s", *scenario.channels)}
     time_ns = scenario.start_ns + np.arange(true.size, dtype=np.int64) * wheel.period_ns
     return Samples(time_ns=time_ns, **channels)
+
+
+def _error_of(quantity: Quantity, effects: Sequence[Effect]) -> float:
+    """Return by how much the effects make a constant of the wheel wrong, as its effect of the catalogue states it."""
+    return sum(next(iter(effect.values.values())) for effect in effects if effect.error_of == quantity)
 
 
 def measure(true: FloatArray, noise_std: float, quantum: float, rng: Generator) -> FloatArray:

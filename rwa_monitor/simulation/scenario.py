@@ -31,7 +31,7 @@ from numpy.random import Generator
 from pydantic import Field
 
 from rwa_monitor.errors import InputError
-from rwa_monitor.samples import BoolArray, ChannelName, FloatArray
+from rwa_monitor.samples import BoolArray, FloatArray, TableChannelName
 from rwa_monitor.simulation.motion import SpeedProfile
 from rwa_monitor.wheel.effects.noise_laws import autoregress
 from rwa_monitor.wheel.file_content import Strict, TomlFile
@@ -56,6 +56,8 @@ class Sensors(Strict):
     current_quantum_A: NoNegative | None = None
     friction_quantum_Nm: NoNegative = 0.0
     voltage_noise_V: NoNegative = 1.0e-3
+    power_noise_W: NoNegative = 0.05
+    momentum_noise_Nms: NoNegative = 1.0e-4
     temperature_noise_K: NoNegative = 0.02  # a thermistor with averaging
 
     def for_wheel(self, wheel: Wheel) -> dict[str, float]:
@@ -129,7 +131,7 @@ class Fault(Strict):
     kind: Literal["gap", "dropout", "stuck", "spikes"]
     start_s: NoNegative
     duration_s: Positive
-    channel: ChannelName = "speed_rad_s"
+    channel: TableChannelName = "speed_rad_s"
     share: Annotated[float, Field(gt=0, le=1)] = 0.01
     size: float = 0.0
 
@@ -214,8 +216,8 @@ class Scenario(TomlFile):
         True: the record has `friction_torque_Nm`, the true friction plus noise, and a current that agrees with it.
         False: only speed and current; what friction there is must be derived from them.
     channels
-        Channels of the record, by the names of the sample table; None: all that the wheel's constants allow, without
-        motor torque, which repeats the current.
+        Channels of the record, by the names of the sample table; None: those of a message that the wheel's constants
+        allow, without motor torque, which repeats the current. The body's momentum is the wheel's with opposite sign.
     temperature
         None: drawn, as usual for a wheel inside the spacecraft.
     speed, base, anomalies, noise, sensors, effect, fault
@@ -229,7 +231,7 @@ class Scenario(TomlFile):
     duration_s: Positive = 10_000.0
     start_ns: Annotated[int, Field(ge=0, lt=2**62)] = 0
     friction_given: bool = True
-    channels: tuple[ChannelName, ...] | None = None
+    channels: tuple[TableChannelName, ...] | None = None
 
     speed: SpeedProfile = SpeedProfile()
     base: Base = Base()

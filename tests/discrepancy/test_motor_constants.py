@@ -23,20 +23,20 @@ SLOTS = 8_000
 def measured(gain: float = 0.0) -> Samples:
     """A rich motion with all three channels, their gains off by a part, and no friction channel."""
     wheel = built_in_wheel()
-    scenario = Scenario(speed=SpeedProfile(kind="rich"), duration_s=SLOTS * wheel.sample_period_s, friction_given=False)
-    run, rng = simulate(scenario, wheel, np.random.default_rng(5)), np.random.default_rng(6)
-    speed, torque = run.truth.speed_rad_s, run.truth.motor_torque_Nm
-    current = torque / wheel.torque_constant_Nm_A
-    voltage = wheel.winding_resistance_ohm * current + wheel.torque_constant_Nm_A * speed + 0.1  # an offset of its own
-    power = 3.0 + wheel.winding_resistance_ohm * current**2 + wheel.torque_constant_Nm_A * current * speed
+    scenario = Scenario(
+        speed=SpeedProfile(kind="rich"),
+        duration_s=SLOTS * wheel.sample_period_s,
+        friction_given=False,
+        channels=("motor_current_A", *GAIN_STD),
+    )
+    samples, rng = simulate(scenario, wheel, np.random.default_rng(5)).samples, np.random.default_rng(6)
     external = 2e-6 + np.cumsum(rng.normal(0.0, 1e-8, SLOTS))  # N m, on the body
-    momentum = np.cumsum(external) * wheel.sample_period_s - wheel.inertia_kg_m2 * speed
+    momentum = samples.body_momentum_Nms + np.cumsum(external) * wheel.sample_period_s
     return replace(
-        run.samples,
-        motor_torque_Nm=None,
-        motor_voltage_V=(1.0 + gain) * voltage + rng.normal(0.0, 2e-3, SLOTS),
-        drive_power_W=(1.0 + gain) * power + rng.normal(0.0, 0.05, SLOTS),
-        body_momentum_Nms=(1.0 + gain) * momentum + rng.normal(0.0, 1e-4, SLOTS),
+        samples,
+        motor_voltage_V=(1.0 + gain) * (samples.motor_voltage_V + 0.1),  # an offset of its own
+        drive_power_W=(1.0 + gain) * samples.drive_power_W,
+        body_momentum_Nms=(1.0 + gain) * momentum,
     )
 
 

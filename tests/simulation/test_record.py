@@ -67,6 +67,20 @@ def test_voltage_is_that_of_the_winding():
     assert record.samples.motor_voltage_V == pytest.approx(expected, abs=1e-12)
 
 
+def test_power_and_momentum_are_those_of_the_true_constants():
+    """J is 4 % larger than the wheel file's and K_T 3 % smaller: what these channels show and the friction hides."""
+    inertia, names = WHEEL.inertia_kg_m2, ("motor_current_A", "drive_power_W", "body_momentum_Nms")
+    wrong = (
+        EffectBlock(name="inertia_error", parameters={"strength_kg_m2": 0.04 * inertia}),
+        EffectBlock(name="torque_constant_error", parameters={"strength": 0.03}),
+    )
+    record = run(sensors=NO_NOISE_OF_SENSORS, effect=wrong, channels=names)
+    current, speed = record.samples.motor_current_A, record.truth.speed_rad_s
+    assert record.samples.body_momentum_Nms == pytest.approx(-1.04 * inertia * speed, rel=1e-12)
+    expected = 3.0 + 2.0 * current**2 + 0.97 * 0.032 * speed * current
+    assert record.samples.drive_power_W == pytest.approx(expected, abs=1e-9)
+
+
 def test_derived_friction_has_the_noise_that_the_truth_states():
     record = run(2, friction_given=False, speed=SpeedProfile(kind="constant", activity=0.0), duration_s=10_000.0)
     assert record.samples.friction_torque_Nm is None
