@@ -206,7 +206,8 @@ class Motion:
     """The measured channels of a record on its slots, float64 (n,): speed [rad/s], motor torque and friction [N m].
 
     The torque is None where it is not measured, friction where it is to be derived. `steps` are those of the channel
-    that friction comes from. In the dead `zone` of its readings the speed is unknown (NaN).
+    that friction comes from. In the dead `zone` of its readings the speed is unknown (NaN), and a torque that reads
+    zero where `least_torque_Nm` is the smallest that is reported.
     """
 
     speed_rad_s: FloatArray
@@ -214,6 +215,7 @@ class Motion:
     friction_Nm: FloatArray | None
     steps: Steps | None = None
     zone: ReadZone | None = None
+    least_torque_Nm: float | None = None
 
     @property
     def torque_step_Nm(self) -> float:

@@ -19,7 +19,7 @@ from rwa_monitor.discrepancy.found_effects import spread
 from rwa_monitor.discrepancy.own_jumps import OwnJumps
 from rwa_monitor.discrepancy.plausible import ImpliedValue, ask_speed_unit
 from rwa_monitor.discrepancy.problem import Problem, rms
-from rwa_monitor.discrepancy.record import temperature_range
+from rwa_monitor.discrepancy.record import limits_of, temperature_range
 from rwa_monitor.discrepancy.result import Search, simulated_gain
 from rwa_monitor.discrepancy.terms import Model
 from rwa_monitor.messages import SimulatedGain
@@ -141,6 +141,7 @@ def extend(search: Search, report_sha256: str | None = None) -> Extension:
         known = {parameter.name: values[parameter.name] for parameter in effect.parameters}
         blocks.append(_with_errors(search, effect(**known), report_sha256))
     added: dict[str, Any] = {"effect": (*search.wheel.effect, *blocks), "nominal": nominal}
+    added["limits"] = limits_of(search.wheel, search.problem.records)
     if any(term.effect.follows_temperature for term in model.terms):
         added["temperature"] = temperature_range(search.problem.records)
     wheel = search.wheel.model_copy(update=added)

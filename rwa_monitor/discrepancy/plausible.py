@@ -14,7 +14,8 @@ from rwa_monitor.errors import InputError
 from rwa_monitor.samples import TINY, BoolArray, FloatArray, IntArray, Samples
 from rwa_monitor.wheel.effects.base import Quantity
 from rwa_monitor.wheel.effects.catalogue import mean_effects
-from rwa_monitor.wheel.torque_balance import FRICTION_CHANNELS
+from rwa_monitor.wheel.effects.tachometer import quantisation_step
+from rwa_monitor.wheel.torque_balance import FRICTION_CHANNELS, inertia_of
 from rwa_monitor.wheel.wheel import Wheel
 
 # Times nominal friction: mN m read as N m are a factor of a thousand; no bearing reaches a hundred and still turns.
@@ -157,6 +158,37 @@ def _saturated(samples: Samples) -> Iterator[tuple[str, FloatArray, BoolArray]]:
             stopped = at_end_stop(values, samples.speed_rad_s if name == "friction_torque_Nm" else None)
             if stopped.any():
                 yield name, values, stopped
+
+
+# ---- a motor torque that reads zero ----------------------------------------------------------------------------------
+# Drives may report no current below some size. The true torque is then what the motion needs. It is nothing where the
+# motor was switched off: there, zero is a measurement.
+
+
+NEEDED: Final = (0.4, 1.5)  # RMS over the smallest torque that is read; over a zone of even use it is 3^-0.5
+GAP_STEPS: Final = 3.0  # steps of the readings, which the smallest exceeds
+APART: Final = 3  # slots: central differences that far apart share no reading
+
+
+def least_reported(torque_Nm: FloatArray, speed_rad_s: FloatArray, wheel: Wheel) -> float | None:
+    """Return the smallest motor torque that is reported [N m], where zero readings hide what the motion needs; or None.
+
+    As the wheel file states it; else from torque and speed on consecutive slots, float64 (n,).
+    """
+    if wheel.limits.min_current_A is not None and wheel.torque_per_ampere_Nm_A is not None:
+        return wheel.limits.min_current_A * wheel.torque_per_ampere_Nm_A
+    zero, read = (torque_Nm == 0.0) & (np.abs(speed_rad_s) > 0.0), np.isfinite(torque_Nm) & (torque_Nm != 0.0)
+    least = float(np.abs(torque_Nm[read]).min(initial=np.inf))
+    step = quantisation_step(torque_Nm[read]) or 0.0
+    if np.count_nonzero(zero) < FEWEST_AT_END or not GAP_STEPS * step < least < np.inf:
+        return None
+    accelerating = inertia_of(wheel) * np.gradient(speed_rad_s, wheel.sample_period_s)
+    base, known = np.stack([np.sign(speed_rad_s), speed_rad_s], axis=1), read & np.isfinite(accelerating)
+    law = np.linalg.lstsq(base[known], (torque_Nm - accelerating)[known])[0]
+    needed = np.where(zero, base @ law + accelerating, np.nan)
+    square = needed[APART:] * needed[:-APART]  # without that of the noise
+    low, high = (float(share) * least for share in NEEDED)
+    return least if low**2 < float(np.mean(square[np.isfinite(square)])) < high**2 else None
 
 
 # ---- the inertia and the viscous friction that the channels imply ----------------------------------------------------

@@ -14,7 +14,7 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from math import comb
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
@@ -29,6 +29,7 @@ from rwa_monitor.discrepancy.plausible import (
     MeasuredConstant,
     check_inertia,
     check_plausible,
+    least_reported,
     measured_constants,
     without_end_stops,
 )
@@ -38,8 +39,9 @@ from rwa_monitor.simulation.motion import wheel_angle
 from rwa_monitor.wheel.effects.base import Channels
 from rwa_monitor.wheel.effects.catalogue import effect_torque, mean_effects
 from rwa_monitor.wheel.effects.tachometer import ReadZone, quantisation_step, read_zone
+from rwa_monitor.wheel.file_content import rounded
 from rwa_monitor.wheel.torque_balance import Source, half_width, motor_torque, source_of
-from rwa_monitor.wheel.wheel import TemperatureRange, Wheel
+from rwa_monitor.wheel.wheel import Limits, TemperatureRange, Wheel
 
 MIN_REST_SLOTS: Final = 8  # a shorter stay near zero counts as a zero crossing
 # Of the median speed: in a coarsely sampled record, neighbours differ by the motion and not by noise.
@@ -99,6 +101,8 @@ class Record:
         Constants of the wheel file as estimated from channels that are independent of friction.
     zone
         Dead zone of the speed readings; none of its samples is used.
+    least_torque_Nm
+        Smallest motor torque that is reported [N m], where one that reads zero is not known; None: all are.
     is_command
         Whether the friction channel is a command, and the speed the response to it: see `_is_command`.
     follows_noise
@@ -122,6 +126,7 @@ class Record:
     own_viscous_rad_s: FloatArray | None = None
     measured_constants: tuple[MeasuredConstant, ...] = ()
     zone: ReadZone | None = None
+    least_torque_Nm: float | None = None
     is_command: bool = False
     follows_noise: bool = True
 
@@ -224,6 +229,7 @@ def make_record(samples: Samples, wheel: Wheel, source: str, delay: alignment.De
         steps=motion.steps,
         measured_constants=measured_constants(samples, wheel),
         zone=motion.zone,
+        least_torque_Nm=motion.least_torque_Nm,
         is_command=not derived and _is_command(friction, seen),
         follows_noise=follows_noise,
     )
@@ -306,6 +312,14 @@ def temperature_range(records: Sequence[Record]) -> TemperatureRange | None:
     return TemperatureRange(low_degC=round(low - beyond, 2), high_degC=round(high + beyond, 2))
 
 
+def limits_of(wheel: Wheel, records: Sequence[Record]) -> Limits:
+    """Return the limits of the wheel, with the smallest current that its drive reports, where the records show it."""
+    least = [record.least_torque_Nm for record in records if record.least_torque_Nm is not None]
+    if not least or wheel.torque_per_ampere_Nm_A is None:
+        return wheel.limits
+    return wheel.limits.model_copy(update={"min_current_A": rounded(min(least) / wheel.torque_per_ampere_Nm_A, 3)})
+
+
 def _channels(samples: Samples, motion: Motion, slot: IntArray, wheel: Wheel, slope: FloatArray) -> Channels:
     """Return the motion as given to the effects; `slope` of the speed per slot, float64 (n,)."""
     speed, torque = motion.speed_rad_s, motion.torque_Nm
@@ -362,7 +376,7 @@ def _left_out(
     underivable = _count(after) - _count(used) - sum(known_why.values())
     reasons = {
         "without a value of speed or torque": _count(~before),
-        "at the end stop of a channel, or among such": _count(before & ~after),
+        "at the end stop or in the dead zone of a channel": _count(before & ~after),
         **known_why,
         "beside gaps and ends, where friction cannot be derived": underivable,
     }
@@ -385,7 +399,7 @@ def motions_of(recordings: Sequence[tuple[str, Samples]], wheel: Wheel) -> list[
 
 
 def _read(samples: Samples, wheel: Wheel, source: str) -> tuple[Samples, IntArray, Source, Motion]:
-    """Return the samples less end stops, their slots, the channel that friction comes from, and the motion.
+    """Return the samples less end stops and dead zones, their slots, the channel that friction comes from, the motion.
 
     The speed is NaN in a dead zone of its readings.
     """
@@ -398,7 +412,14 @@ def _read(samples: Samples, wheel: Wheel, source: str) -> tuple[Samples, IntArra
     if zone is not None:
         speed = np.where(zone.inside, np.nan, speed)
     torque = _on_grid(motor_torque(samples, wheel), slot)
-    motion = Motion(speed, torque, _on_grid(samples.friction_torque_Nm, slot), steps_of(samples, wheel, read), zone)
+    least, steps = None, steps_of(samples, wheel, read)
+    if torque is not None and read != "friction_torque_Nm":
+        least = least_reported(torque, speed, wheel)
+        if least is not None:
+            unknown: dict[str, Any] = {read: np.where(getattr(samples, read) == 0.0, np.nan, getattr(samples, read))}
+            samples = replace(samples, **unknown)
+            torque[torque == 0.0] = np.nan
+    motion = Motion(speed, torque, _on_grid(samples.friction_torque_Nm, slot), steps, zone, least)
     return samples, slot, read, motion
 
 

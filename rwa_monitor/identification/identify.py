@@ -19,7 +19,7 @@ from rwa_monitor.discrepancy.base_fit import Fit, remove_levels, segment_starts
 from rwa_monitor.discrepancy.bench import as_measured
 from rwa_monitor.discrepancy.plausible import ImpliedValue, ask_speed_unit, first_slope
 from rwa_monitor.discrepancy.problem import Problem
-from rwa_monitor.discrepancy.record import left_out_in_words, make_record
+from rwa_monitor.discrepancy.record import left_out_in_words, limits_of, make_record
 from rwa_monitor.errors import InputError
 from rwa_monitor.identification.duration_laws import LearnedLaw, learn_laws
 from rwa_monitor.identification.heat import learn_heat
@@ -145,6 +145,7 @@ def identify(recordings: Sequence[tuple[str, Samples]], start: Wheel, *, systems
             "window": _window(start.window, problem),
             "fss": tuple(blocks),
             "effect": start.effect,
+            "limits": limits_of(start, problem.records),
         }
     )
     left_out = left_out_in_words(problem.records)

@@ -109,7 +109,7 @@ class WheelCore:
         friction = self.windows.friction
         return {
             "where the speed bends too sharply for friction to be derived": friction.at_corners,
-            "with the current at its limit": friction.at_limit,
+            "with the current at its limit or in its dead zone": friction.at_limit,
         }
 
     @property

@@ -483,6 +483,7 @@ def _measure(
         per_ampere = torque_balance.torque_per_ampere(motor, true, wheel)
         current = motor / per_ampere
         measured = measure(current, sensors["current_noise_A"], sensors["current_quantum_A"], current_rng)
+        measured[np.abs(measured) < (wheel.limits.min_current_A or 0.0)] = 0.0
         channels["motor_current_A"] = measured
         on_request["motor_torque_Nm"] = per_ampere * measured
         if wheel.winding_resistance_ohm is not None and wheel.back_emf_constant_V_s_rad is not None:

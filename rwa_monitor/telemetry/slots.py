@@ -426,7 +426,7 @@ class FrictionSource:
         State of the effects after the slots so far; the last memory is that of `held_temperature`, where one needs it.
     at_corners, at_limit
         Samples masked since this process began: where the speed bends too sharply for friction to be derived, and with
-        the current at its limit.
+        the current at its limit or in its dead zone.
     """
 
     def __init__(self, wheel: Wheel, source: Source) -> None:
@@ -458,13 +458,14 @@ class FrictionSource:
         """Return the torque that friction comes from, float64 (n,) [N m]; None where the channel is missing."""
         if self.source != "motor_current_A":
             return samples.friction_torque_Nm if self.source == "friction_torque_Nm" else samples.motor_torque_Nm
-        torque, limit_A = motor_torque(samples, self.wheel), self.wheel.limits.max_current_A
+        torque, limits = motor_torque(samples, self.wheel), self.wheel.limits
         if torque is None or samples.motor_current_A is None:
             return None
-        # At its limit the current is saturated, and the torque that would be needed is not known.
-        saturated = np.abs(samples.motor_current_A) >= (np.inf if limit_A is None else limit_A)
-        self.at_limit += int(np.count_nonzero(saturated))
-        return np.where(saturated, np.nan, torque)
+        # At its limit the current is saturated, in a dead zone it reads zero: what torque is needed is not known.
+        size = np.abs(samples.motor_current_A)
+        unknown = (size >= (limits.max_current_A or np.inf)) | ((size == 0.0) & (limits.min_current_A is not None))
+        self.at_limit += int(np.count_nonzero(unknown))
+        return np.where(unknown, np.nan, torque)
 
     # ---- slots → friction ----------------------------------------------------------------------------------------
 

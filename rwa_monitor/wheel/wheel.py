@@ -53,10 +53,19 @@ class FrictionFilter(Strict):
 
 
 class Limits(Strict):
-    """What the wheel cannot exceed: values beyond are wrong units or a broken sensor, not telemetry."""
+    """What the wheel cannot exceed: values beyond are wrong units or a broken sensor, not telemetry.
+
+    Attributes
+    ----------
+    max_speed_rad_s, max_current_A
+        Largest speed and current.
+    min_current_A
+        Smallest current that the drive reports, if it has a dead zone: a current that reads zero is then not known.
+    """
 
     max_speed_rad_s: Positive | None = None
     max_current_A: Positive | None = None
+    min_current_A: Positive | None = None
 
 
 class Window(Strict):

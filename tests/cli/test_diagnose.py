@@ -97,7 +97,7 @@ def test_why_derived_friction_is_masked_is_reported(tmp_path: Path) -> None:
     result = run("diagnose", write(tmp_path / "slews.csv", columns), "--wheel", tmp_path / "wheel.toml", "--json")
     assert result.exit_code == 0
     said = re.search(
-        r"of 4000 samples (\d+) were masked \((\d+) where the speed bends .*; 7 with the current at its limit",
+        r"of 4000 samples (\d+) were masked \((\d+) where the speed bends .*; 7 with the current at its limit or in",
         result.stderr,
     )
     assert said is not None, result.stderr

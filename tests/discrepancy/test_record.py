@@ -9,12 +9,16 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import stats
 
-from rwa_monitor.discrepancy.plausible import NEIGHBOURS, at_end_stop
+from rwa_monitor.discrepancy.extended import extended_wheel
+from rwa_monitor.discrepancy.plausible import NEIGHBOURS, at_end_stop, least_reported
 from rwa_monitor.discrepancy.quantisation import without_steps
 from rwa_monitor.discrepancy.record import left_out_in_words, make_record
 from rwa_monitor.errors import InputError
 from rwa_monitor.reporting.discrepancy_report import steps_in_words
 from rwa_monitor.samples import Samples
+from rwa_monitor.simulation.motion import SpeedProfile
+from rwa_monitor.simulation.record import simulate
+from rwa_monitor.simulation.scenario import Scenario
 from rwa_monitor.wheel.torque_balance import inertia_of
 from rwa_monitor.wheel.wheel import Limits, Wheel
 from tests.discrepancy.simple import (
@@ -115,7 +119,7 @@ def test_every_sample_that_is_left_out_has_a_reason() -> None:
     assert made.left_out["without a value of speed or torque"] == 5
     at_end = np.flatnonzero(current == stop)
     near = np.abs(np.arange(len(samples))[:, np.newaxis] - at_end) <= NEIGHBOURS // 2
-    assert made.left_out["at the end stop of a channel, or among such"] == np.count_nonzero(
+    assert made.left_out["at the end stop or in the dead zone of a channel"] == np.count_nonzero(
         (current == stop) | (near.sum(axis=1) > 1)
     )
     assert made.left_out["at corners of the speed, where dω/dt is not known"] >= 4
@@ -123,6 +127,34 @@ def test_every_sample_that_is_left_out_has_a_reason() -> None:
     assert words.startswith("left out: 10 without a value of speed or torque, ")
     assert "at corners of the speed" in words
     assert left_out_in_words([make_record(record(swing())[0], WHEEL, "given")]) in ("", "left out: 1 at rest")
+
+
+@pytest.mark.parametrize(("kind", "least_A"), [("crossings", 0.05), ("orbit", 0.1), ("rich", 0.15)])
+def test_a_current_that_is_too_small_to_be_reported_is_unknown(kind: str, least_A: float) -> None:
+    profile = SpeedProfile.model_validate({"kind": kind})
+    scenario = Scenario(speed=profile, duration_s=1500.0, friction_given=False, channels=("motor_current_A",))
+    limits = WHEEL.limits.model_copy(update={"min_current_A": least_A})
+    samples = simulate(scenario, WHEEL.model_copy(update={"limits": limits}), np.random.default_rng(5)).samples
+    unknown = np.count_nonzero((samples.motor_current_A == 0.0) & (samples.speed_rad_s != 0.0))
+    found = search(samples)
+    assert names(found) == []
+    (made,) = found.problem.records
+    assert made.left_out["at the end stop or in the dead zone of a channel"] == unknown > 500
+    assert extended_wheel(found).limits.min_current_A == pytest.approx(least_A, rel=0.01)
+
+
+@pytest.mark.parametrize("load", [0.0, 0.2])
+def test_the_zero_current_of_a_motor_that_is_off_is_a_measurement(load: float) -> None:
+    """A wheel is driven and coasts in turn, its friction jumps, and is larger by a share of the motor's torque."""
+    rng, torque, speed = np.random.default_rng(0), np.zeros(8000), np.full(8000, 50.0)
+    level = DRY_NM * rng.choice([1.0, 1.5, 2.0], 16).repeat(500)
+    for k in range(1, speed.size):
+        driven = speed[k - 1] < 60.0 or (torque[k - 2] > 0.0 and speed[k - 1] < 200.0)
+        torque[k - 1] = 0.02 * (1.0 + 0.02 * rng.normal()) * driven
+        friction = level[k] + VISCOUS * speed[k - 1] + load * torque[k - 1]
+        speed[k] = speed[k - 1] + PERIOD_S * (torque[k - 1] - friction) / inertia_of(WHEEL)
+    assert 0.2 < np.mean(torque == 0.0) < 0.8
+    assert least_reported(torque, speed + 0.01 * rng.normal(size=speed.size), WHEEL) is None
 
 
 def test_motion_channels_share_no_noise_with_the_friction_of_their_slot() -> None:

@@ -161,6 +161,26 @@ def test_a_wheel_without_its_systems_is_not_called_anomalous_by_their_jumps(seed
     assert "inconclusive" in not_nominal(found, wheel)
 
 
+def test_the_smallest_current_of_the_drive_is_learned_and_zero_is_then_no_reading() -> None:
+    wheel = built_in_wheel()
+    drive = wheel.model_copy(update={"limits": wheel.limits.model_copy(update={"min_current_A": 0.05})})
+
+    def recording(seed: int, viscous: float = 1.0) -> Samples:
+        failing = {"viscous": Anomaly(factor=viscous)}
+        scenario = Scenario(friction_given=False, channels=("motor_current_A",), anomalies=failing)
+        return simulate(scenario, drive, np.random.default_rng(seed)).samples
+
+    limits = identify([("healthy", recording(7))], wheel, systems=False).wheel.limits
+    assert limits == drive.limits
+    for seed, viscous, verdict in ((1, 1.0, "nominal"), (1, 1.2, "anomalous"), (2, 1.0, "nominal")):
+        known, unknown = (
+            next(diagnose_samples(recording(seed, viscous), one, built_in_model())).diagnosis
+            for one in (wheel.model_copy(update={"limits": limits}), wheel)
+        )
+        assert (known.verdict, known.model_adequate) == (verdict, True)
+        assert not unknown.model_adequate
+
+
 def in_levels(segments: list[tuple[int, float]], seed: int) -> Samples:
     """Return a recording whose dry friction stays at these levels [mN m], each so many slots, with white noise."""
     rng, period_s = np.random.default_rng(seed), 0.125
