@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import argparse
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from functools import partial
 from typing import Final
@@ -27,6 +27,7 @@ from benchmarks.target import Target, at_most, exit_code, target_table
 from rwa_monitor.changepoints.evidence import WindowAccumulator
 from rwa_monitor.diagnosis.model import built_in_model
 from rwa_monitor.history.alarms import WINDOW_POLICY, Alarm, Policy, advance, observe
+from rwa_monitor.messages import Diagnosis
 from rwa_monitor.monitor.core import diagnose_samples
 from rwa_monitor.samples import FloatArray
 from rwa_monitor.simulation.datasets import RECIPES, Recipe, wheel_windows
@@ -216,25 +217,27 @@ def _healthy(wheel: Wheel, number: int, windows: int, rng: np.random.Generator) 
     return RECIPES["mild"].scenario(wheel, number, windows, rng).model_copy(update={"anomalies": {}})
 
 
+def raised_by(policy: Policy, diagnoses: Iterable[Diagnosis]) -> list[str]:
+    """Return what a policy raises alarms of in the diagnoses of one wheel, in order."""
+    alarms: dict[str, Alarm] = {}
+    raised = []
+    for diagnosis in diagnoses:
+        for name, level in observe(diagnosis).items():
+            alarm, events = advance(alarms.get(name, Alarm()), level, diagnosis.window_end_ns, policy)
+            alarms[name] = alarm._replace(phase="quiet") if alarm.phase == "returned" else alarm
+            raised += [name for event in events if event.event in {"raised", "relapsed"}]
+    return raised
+
+
 def _history(seed: int, windows: int, number: int) -> dict[str, int]:
     """Return the number of alarms in the history of one healthy wheel, by policy."""
     recipe = Recipe("healthy", RECIPES["mild"].wheel, _healthy, windows)
-    state, raised = CarriedState.empty(), dict.fromkeys(POLICIES, 0)
-    alarms: dict[str, dict[str, Alarm]] = {policy: {} for policy in POLICIES}
+    state, diagnoses = CarriedState.empty(), []
     for window in wheel_windows(recipe, number, seed):
         (closed,) = diagnose_samples(window.telemetry.samples, window.wheel, built_in_model(), carried=state)
         state = closed.carried
-        levels = observe(closed.message("", window.wheel.name))
-        for name, policy in POLICIES.items():
-            after = {}
-            for anomaly, level in levels.items():
-                alarm, events = advance(
-                    alarms[name].get(anomaly, Alarm()), level, closed.diagnosis.window_end_ns, policy
-                )
-                after[anomaly] = alarm._replace(phase="quiet") if alarm.phase == "returned" else alarm
-                raised[name] += sum(event.event in {"raised", "relapsed"} for event in events)
-            alarms[name] = alarms[name] | after
-    return raised
+        diagnoses.append(closed.message("", window.wheel.name))
+    return {name: len(raised_by(policy, diagnoses)) for name, policy in POLICIES.items()}
 
 
 def false_alarms(wheels: int, windows: int, seed: int, workers: int) -> FalseAlarms:
