@@ -318,8 +318,9 @@ def to_markdown(
         ),
         section(
             "Alarms of healthy wheels",
-            f"{len(alarms['as it is'])} healthy wheels of `orbit`, a record of {HISTORY} windows each; two of three windows raise an"
-            " alarm. Where the channel breaks, it does so in the middle of the record, or after a third of it.",
+            f"{len(alarms['as it is'])} healthy wheels of `orbit`, a record of {HISTORY} windows each; two of three"
+            " windows raise an alarm. Where the channel breaks, it does so in the middle of the record, or after a"
+            " third of it.",
             table(("channel", "wheels with an alarm of an anomaly", "of a model that does not fit"), histories),
         ),
         section(
