@@ -17,6 +17,7 @@ import numpy as np
 
 from rwa_monitor.discrepancy.find import find_discrepancy
 from rwa_monitor.discrepancy.result import Search
+from rwa_monitor.discrepancy.score import of_least_error
 from rwa_monitor.errors import InputError
 from rwa_monitor.monitor.setup import read_wheel
 from rwa_monitor.telemetry.table import read_table
@@ -2309,7 +2310,8 @@ def main() -> None:
             effect.formula.partition(",")[0] or ", ".join((effect.name, *effect.equivalent)) for effect in mean
         )
         left = found.result.unexplained.signature if found.result.unexplained else ""
-        before, after = (float(np.sqrt(np.mean(model.fit.residual**2))) for model in (found.base, found.extended))
+        best = (of_least_error(found.problem, model).fit.residual for model in (found.base, found.extended))
+        before, after = (float(np.sqrt(np.mean(residual**2))) for residual in best)
         rmse = f"{before:.3g} → {after:.3g} ({after / before - 1.0:+.0%})"
         print(
             f"| {key} | {found.problem.size} | {answer or '–'} | {left} | {rmse} | {'yes' if right[-1] else 'no'} |",

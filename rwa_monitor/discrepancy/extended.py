@@ -21,6 +21,7 @@ from rwa_monitor.discrepancy.plausible import ImpliedValue, ask_speed_unit
 from rwa_monitor.discrepancy.problem import Problem, rms
 from rwa_monitor.discrepancy.record import limits_of, temperature_range
 from rwa_monitor.discrepancy.result import Search, simulated_gain
+from rwa_monitor.discrepancy.score import of_least_error
 from rwa_monitor.discrepancy.terms import Model
 from rwa_monitor.messages import SimulatedGain
 from rwa_monitor.samples import TINY, FloatArray
@@ -125,8 +126,8 @@ def extend(search: Search, report_sha256: str | None = None) -> Extension:
 
     Its effects carry the standard deviations of their parameters, and the hash of the report, where it is given.
     """
-    base, model = search.base, search.extended
-    before, after = base_law(search.problem, base), base_law(search.problem, model)
+    problem, base, model = search.problem, search.base, search.extended
+    before, after = base_law(problem, base), base_law(problem, model)
     # Compared by the median change of the level at the same samples: false jumps of the base model are not friction.
     before = replace(before, dry_Nm=after.dry_Nm + float(np.median(base.fit.level - model.fit.level)))
     nominal, treatment = _nominal(search.wheel.nominal, before, after)
@@ -140,18 +141,22 @@ def extend(search: Search, report_sha256: str | None = None) -> Extension:
         effect = effect_class(term.effect.name)
         known = {parameter.name: values[parameter.name] for parameter in effect.parameters}
         blocks.append(_with_errors(search, effect(**known), report_sha256))
-    added: dict[str, Any] = {"effect": (*search.wheel.effect, *blocks), "nominal": nominal}
-    added["limits"] = limits_of(search.wheel, search.problem.records)
+    limits = limits_of(search.wheel, problem.records)
+    added: dict[str, Any] = {"effect": (*search.wheel.effect, *blocks), "nominal": nominal, "limits": limits}
     if any(term.effect.follows_temperature for term in model.terms):
         added["temperature"] = temperature_range(search.problem.records)
     wheel = search.wheel.model_copy(update=added)
+    errors = [
+        min(_rmse(search, of, float(one.fit.coefficients[0])) for one in (fitted, of_least_error(problem, fitted)))
+        for of, fitted in ((search.wheel, base), (wheel, model))
+    ]
     extension = Extension(
         wheel,
         treatment,
         before,
         after,
-        simulated_gain(_rmse(search, search.wheel, before), _rmse(search, wheel, after)),
-        _rmse(search, wheel, after, nominal.dry_torque_Nm) if nominal else float("nan"),
+        simulated_gain(*errors),
+        _rmse(search, wheel, after.viscous_Nm_s_rad, nominal.dry_torque_Nm) if nominal else float("nan"),
         search.result.gain.is_a_loss,
     )
     # The records were searched, and are compared here, without the effects that were taken out of them.
@@ -240,12 +245,15 @@ def _nominal(nominal: Nominal | None, before: BaseLaw, after: BaseLaw) -> tuple[
     return nominal.model_copy(update={**shifted, **unknown}), "shifted"
 
 
-def _rmse(search: Search, wheel: Wheel, law: BaseLaw, dry_Nm: float | None = None) -> float:
-    """Return the RMS of friction minus the wheel's law, at one dry level or with each segment's level fitted [N m]."""
+def _rmse(search: Search, wheel: Wheel, viscous_Nm_s_rad: float, dry_Nm: float | None = None) -> float:
+    """Return the RMS of friction minus the wheel's law, at one dry level or with each segment's level fitted [N m].
+
+    The viscous coefficient is used where the wheel file has none.
+    """
     problem = search.problem
     # The effects of the original wheel file are already subtracted from the records (`without_known_effects`).
     added = wheel.model_copy(update={"effect": wheel.effect[len(search.wheel.effect) :]})
-    viscous = wheel.nominal.viscous_Nm_s_rad if wheel.nominal else law.viscous_Nm_s_rad
+    viscous = wheel.nominal.viscous_Nm_s_rad if wheel.nominal else viscous_Nm_s_rad
     level = search.extended.fit.level if dry_Nm is None else np.full(problem.size, dry_Nm)
     torques = []
     for record, dry in zip(problem.records, problem.spread(level), strict=True):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
 from typing import Final
@@ -24,7 +24,7 @@ from rwa_monitor.discrepancy.problem import Mapper, Problem, in_turn
 from rwa_monitor.discrepancy.quantisation import without_rounding, without_steps
 from rwa_monitor.discrepancy.record import FEWEST_FOR_JUMPS, Record, make_record, motions_of, without_known_effects
 from rwa_monitor.discrepancy.result import DiscrepancyResult, FoundEffect, Search, Verdict
-from rwa_monitor.discrepancy.score import BLOCKS, HeldOut, held_out, on_other_recordings, scored
+from rwa_monitor.discrepancy.score import BLOCKS, HeldOut, at_best, held_out, on_other_recordings, scored
 from rwa_monitor.discrepancy.switching_effects import switching_effects
 from rwa_monitor.discrepancy.terms import Model
 from rwa_monitor.discrepancy.unexplained import combined, slow_drag
@@ -97,15 +97,14 @@ def find_discrepancy(
     lacking = untested(problem, found, mean, wheel, tried, not_shown) | silent
 
     progress("gain on held-out data")
-    if aside is None:
-        scores = each(partial(held_out, problem), found.nested)
-    else:
-        scores = each(partial(on_other_recordings, problem, aside, jumps=explained.jumps), found.nested)
-    at_base = found.nested[0]
+    judge: Callable[[Model], HeldOut] = partial(held_out, problem)
+    if aside is not None:
+        judge = partial(on_other_recordings, problem, aside, jumps=explained.jumps)
+    scores, at_base = each(partial(at_best, judge, problem), found.nested), found.nested[0]
     if named is not None:  # the base model has no delay: it is scored on the data as measured
         base = prepare(_records_of(bench.recordings, wheel, None), wheel)
         at_base = scored(base, (), fit(base).jumps)
-        scores = [held_out(base, at_base), *scores]
+        scores = [at_best(partial(held_out, base), base, at_base), *scores]
     gain = _gain(problem, at_base, found.nested[-1], scores, [name for name, _ in bench.held_out])
     verdict: Verdict = "inadequate" if effects or explained.leftover is not None else "adequate"
     if verdict == "adequate" and speed_is_constant(problem):

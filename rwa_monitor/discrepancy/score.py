@@ -7,7 +7,7 @@ are scored.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Final, Self
@@ -68,6 +68,17 @@ def with_law(problem: Problem, terms: Sequence[Term], jumps: IntArray, law: Nois
     score = deviance + problem.log_size * parameters + law.price(series.size)
     score += constants_deviance(problem, terms, coefficients[2:])
     return Model(tuple(terms), _fit(problem, series, rows, coefficients, law), law, score)
+
+
+def of_least_error(problem: Problem, model: Model) -> Model:
+    """Return a model with coefficients of least squares: in noise of long memory, the likeliest ones miss by more."""
+    return with_law(problem, model.terms, model.fit.jumps, NoiseLaw(level_spread=model.law.level_spread))
+
+
+def at_best(judge: Callable[[Model], HeldOut], problem: Problem, model: Model) -> HeldOut:
+    """Return the scores of a model on held-out data, with the RMSE of its coefficients of least squares if less."""
+    found, least = judge(model), judge(of_least_error(problem, model))
+    return replace(found, rmse_Nm=min(found.rmse_Nm, least.rmse_Nm))
 
 
 def with_exact_jumps(problem: Problem, model: Model) -> Model:

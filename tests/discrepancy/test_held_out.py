@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.signal import lfilter
 from scipy.stats import norm
 
 from rwa_monitor.discrepancy.extended import extend
@@ -189,3 +190,18 @@ def test_the_likelihood_of_each_block_is_that_beside_its_own_fit() -> None:
         density = norm.logpdf(left[here], scale=std) - np.log(np.diag(factor)[here])
         scores.append(float(density.mean()))
     assert held_out(problem, model).block_log_scores == pytest.approx(scores, rel=1e-9)
+
+
+def test_the_error_of_the_base_law_is_that_of_least_squares() -> None:
+    """In noise of long memory the likeliest law misses by more than the one that a user would fit."""
+    rng, speed = np.random.default_rng(4), swing(600)
+    drifting = lfilter([1.0], [1.0, -0.98], rng.normal(0.0, NOISE_NM, speed.size))
+    samples, _ = record(speed, (), noise=np.sign(speed) * drifting)
+    gain = find_discrepancy([("record", samples)], WHEEL).result.gain
+    law = np.stack([np.sign(samples.speed_rad_s), samples.speed_rad_s], axis=1)
+    rest = np.zeros(speed.size)
+    for block in np.array_split(np.arange(speed.size), BLOCKS):
+        others = np.setdiff1d(np.arange(speed.size), block)
+        fitted = np.linalg.lstsq(law[others], samples.friction_torque_Nm[others])[0]
+        rest[block] = samples.friction_torque_Nm[block] - law[block] @ fitted
+    assert gain.rmse_base_Nm == pytest.approx(np.sqrt(np.mean(rest**2)), rel=1e-9)
