@@ -22,6 +22,7 @@ from rwa_monitor.discrepancy.fitting import Fitting
 from rwa_monitor.discrepancy.likelihood import ACCEPT_GAIN, FIRST_GAIN
 from rwa_monitor.discrepancy.record import make_record
 from rwa_monitor.discrepancy.result import Search
+from rwa_monitor.discrepancy.score import of_least_error
 from rwa_monitor.discrepancy.terms import Model, make_term
 from rwa_monitor.monitor.setup import read_wheel
 from rwa_monitor.samples import FloatArray, Samples
@@ -229,7 +230,10 @@ def second_half(samples: Samples, wheel: Wheel) -> SecondHalf:
             predicted += columns @ model.strengths(index)
         return _rms((problem.z - predicted)[second])
 
-    return SecondHalf(search.extended.names, rmse(search.base), rmse(search.extended))
+    def least(model: Model) -> float:
+        return min(rmse(model), rmse(of_least_error(search.problem, model)))
+
+    return SecondHalf(search.extended.names, least(search.base), least(search.extended))
 
 
 def load(search: Search, samples: Samples) -> Load:
