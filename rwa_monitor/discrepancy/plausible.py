@@ -187,8 +187,9 @@ def least_reported(torque_Nm: FloatArray, speed_rad_s: FloatArray, wheel: Wheel)
     law = np.linalg.lstsq(base[known], (torque_Nm - accelerating)[known])[0]
     needed = np.where(zero, base @ law + accelerating, np.nan)
     square = needed[APART:] * needed[:-APART]  # without that of the noise
+    square = square[np.isfinite(square)]
     low, high = (float(share) * least for share in NEEDED)
-    return least if low**2 < float(np.mean(square[np.isfinite(square)])) < high**2 else None
+    return least if square.size and low**2 < float(np.mean(square)) < high**2 else None
 
 
 # ---- the inertia and the viscous friction that the channels imply ----------------------------------------------------

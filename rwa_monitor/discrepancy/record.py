@@ -413,12 +413,10 @@ def _read(samples: Samples, wheel: Wheel, source: str) -> tuple[Samples, IntArra
         speed = np.where(zone.inside, np.nan, speed)
     torque = _on_grid(motor_torque(samples, wheel), slot)
     least, steps = None, steps_of(samples, wheel, read)
-    if torque is not None and read != "friction_torque_Nm":
-        least = least_reported(torque, speed, wheel)
-        if least is not None:
-            unknown: dict[str, Any] = {read: np.where(getattr(samples, read) == 0.0, np.nan, getattr(samples, read))}
-            samples = replace(samples, **unknown)
-            torque[torque == 0.0] = np.nan
+    if torque is not None and read != "friction_torque_Nm" and (least := least_reported(torque, speed, wheel)):
+        unknown: dict[str, Any] = {read: np.where(getattr(samples, read) == 0.0, np.nan, getattr(samples, read))}
+        samples = replace(samples, **unknown)
+        torque[torque == 0.0] = np.nan
     motion = Motion(speed, torque, _on_grid(samples.friction_torque_Nm, slot), steps, zone, least)
     return samples, slot, read, motion
 

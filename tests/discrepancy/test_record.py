@@ -157,6 +157,12 @@ def test_the_zero_current_of_a_motor_that_is_off_is_a_measurement(load: float) -
     assert least_reported(torque, speed + 0.01 * rng.normal(size=speed.size), WHEEL) is None
 
 
+def test_single_readings_of_zero_show_no_dead_zone() -> None:
+    torque = DRY_NM + VISCOUS * PLAIN.speed_rad_s
+    torque[::10] = 0.0
+    assert least_reported(torque, PLAIN.speed_rad_s, WHEEL) is None
+
+
 def test_motion_channels_share_no_noise_with_the_friction_of_their_slot() -> None:
     # With raw dω/dt a false inertia error of 1.6 % shows at |t| = 36. The correlation of pure
     # noise in friction and in the prepared acceleration must be that of independent samples.
