@@ -173,23 +173,24 @@ APART: Final = 3  # slots: central differences that far apart share no reading
 def least_reported(torque_Nm: FloatArray, speed_rad_s: FloatArray, wheel: Wheel) -> float | None:
     """Return the smallest motor torque that is reported [N m], where zero readings hide what the motion needs; or None.
 
-    As the wheel file states it; else from torque and speed on consecutive slots, float64 (n,).
+    As the wheel file states it; else from torque and speed on consecutive slots, float64 (n,). None where the file
+    states it of a motor that is off: there, zero is a measurement.
     """
     if wheel.limits.min_current_A is not None and wheel.torque_per_ampere_Nm_A is not None:
-        return wheel.limits.min_current_A * wheel.torque_per_ampere_Nm_A
+        return None if wheel.friction.motor_off else wheel.limits.min_current_A * wheel.torque_per_ampere_Nm_A
     zero, read = (torque_Nm == 0.0) & (np.abs(speed_rad_s) > 0.0), np.isfinite(torque_Nm) & (torque_Nm != 0.0)
     least = float(np.abs(torque_Nm[read]).min(initial=np.inf))
     step = quantisation_step(torque_Nm[read]) or 0.0
     if np.count_nonzero(zero) < FEWEST_AT_END or not GAP_STEPS * step < least < np.inf:
         return None
     accelerating = inertia_of(wheel) * np.gradient(speed_rad_s, wheel.sample_period_s)
-    base, known = np.stack([np.sign(speed_rad_s), speed_rad_s], axis=1), read & np.isfinite(accelerating)
+    base, known = np.column_stack([np.sign(speed_rad_s), speed_rad_s]), read & np.isfinite(accelerating)
     law = np.linalg.lstsq(base[known], (torque_Nm - accelerating)[known])[0]
     needed = np.where(zero, base @ law + accelerating, np.nan)
     square = needed[APART:] * needed[:-APART]  # without that of the noise
     square = square[np.isfinite(square)]
-    low, high = (float(share) * least for share in NEEDED)
-    return least if square.size and low**2 < float(np.mean(square)) < high**2 else None
+    low, high = (share * least for share in NEEDED)
+    return least if square.size and low**2 < np.mean(square) < high**2 else None
 
 
 # ---- the inertia and the viscous friction that the channels imply ----------------------------------------------------

@@ -157,6 +157,12 @@ def test_the_zero_current_of_a_motor_that_is_off_is_a_measurement(load: float) -
     assert least_reported(torque, speed + 0.01 * rng.normal(size=speed.size), WHEEL) is None
 
 
+def test_a_stated_dead_zone_of_the_current_leaves_a_motor_that_is_off_its_zeros() -> None:
+    limits = WHEEL.limits.model_copy(update={"min_current_A": 0.05})
+    off = WHEEL.model_copy(update={"limits": limits, "friction": WHEEL.friction.model_copy(update={"motor_off": True})})
+    assert least_reported(np.zeros(100), np.full(100, 50.0), off) is None
+
+
 def test_single_readings_of_zero_show_no_dead_zone() -> None:
     torque = DRY_NM + VISCOUS * PLAIN.speed_rad_s
     torque[::10] = 0.0
