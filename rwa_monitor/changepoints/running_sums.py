@@ -122,7 +122,7 @@ class RunningSums:
 # dead band's samples, and the power of the friction that is periodic in the wheel's angle, in some short segments.
 
 
-RIPPLE_SEGMENTS: Final = 20
+RIPPLE_SEGMENTS: Final = 20  # at most, of a window
 
 
 class Structure(NamedTuple):

@@ -49,7 +49,7 @@ DISAGREEING_SIGMAS: Final = 4.0
 # A single missed jump or sojourn distorts one or two intervals, or lies in two crossings, and a healthy window may have
 # an unattributed jump. Only this many or more are evidence against the model.
 MIN_EVIDENCE: Final = 3
-DISAGREEING_SHARE: Final = 0.25
+DISAGREEING_SHARE: Final = 0.25  # of the intervals, where that is more
 MIN_INTERVAL: Final = 30.0  # samples: the slope of a shorter interval is not used
 SMALLEST_SPREAD: Final = 1e-9  # centred over plain sum of squares: below, rounding dominates the centred one
 # Healthy windows have at most 1.2 standard deviations more jumps than expected (their durations are more regular than a

@@ -170,7 +170,7 @@ def _filtered(before: Tracked, value: FloatArray, std: FloatArray) -> tuple[Floa
 
 
 UNKNOWN: Final = 0.5  # probability of an anomaly about which nothing is known
-LEAST_PRIOR: Final = 1e-9
+LEAST_PRIOR: Final = 1e-9  # no prior probability is nearer to 0 or 1: its logarithm stays finite
 OFFSET_STEPS: Final = 1024  # grid over which an unknown offset is integrated, from no offset to all of the dry friction
 PRIOR_ROUNDS: Final = 8  # each reduces the error of the marginal probabilities by about an order of magnitude
 _History = tuple[Coefficient | None, Coefficient | None]  # dry and viscous before the window; None: nothing learned

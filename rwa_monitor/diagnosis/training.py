@@ -24,7 +24,7 @@ SHARP_STD: Final = 0.1  # of the distance between nominal and anomalous: measure
 STRAY_FENCE: Final = 2.5  # quartile distances beyond the quartiles: four standard deviations of a Gaussian
 # Where no anomaly was seen in training, the scale of other values, as a share of the nominal middle.
 REACH_UNSEEN: Final = 0.3
-UNDECIDED: Final = (0.4, 0.6)
+UNDECIDED: Final = (0.4, 0.6)  # probabilities of an anomaly between which a window is inconclusive
 # Windows added to each class, and to each number of simultaneous anomalies: what was not seen is not impossible. A
 # wheel can have two anomalies at once even where no training window has.
 PSEUDO_WINDOWS: Final = 1.0

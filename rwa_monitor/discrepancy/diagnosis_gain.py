@@ -24,11 +24,11 @@ Diagnose = Callable[[Samples, Wheel], Diagnosis]
 Counts = np.ndarray[Any, np.dtype[np.int64]]
 
 SEED: Final = 41_000  # of the first window; no other part of the project uses 41,000 … 41,999
-WINDOWS: Final = 16
+WINDOWS: Final = 16  # simulated, each diagnosed with and without the effects
 PLACED_WITHIN: Final = 5  # samples between a true jump and a changepoint that reports it
 # Clear anomalies, so that one is missed only because of the missing effect: those of the recipe `mild`, doubled.
 FACTORS: Final = {"dry": 1.6, "viscous": 1.3}
-FACTOR_OF_SYSTEMS: Final = 2.0
+FACTOR_OF_SYSTEMS: Final = 2.0  # the same for a switching system
 
 
 def diagnosis_gain(search: Search, diagnose: Diagnose) -> DiagnosisGain | None:

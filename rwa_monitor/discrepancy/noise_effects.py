@@ -25,7 +25,7 @@ from rwa_monitor.wheel.effects.catalogue import CATALOGUE, NOISE_EFFECTS
 from rwa_monitor.wheel.effects.noise_laws import OF_BAND, SpeedDependentNoise, spread_factor
 
 OUTLIER_AT: Final = 7.0  # standard deviations
-FEW_OUTLIERS: Final = 12
+FEW_OUTLIERS: Final = 12  # in a record: sojourns too short to be segmented; more are heavy tails
 QUANTISED: Final = "tachometer_quantisation"
 COLOURED: Final = "coloured_noise"
 HEAVY: Final = "heavy_tailed_noise"

@@ -97,7 +97,7 @@ def remarks(samples: Samples, wheel: Wheel) -> list[str]:
 
 
 SATURATED_SHARE: Final = 0.2  # of the values at the ends of their range: more are too many to leave them out
-LEAST_SHARE_AT_END: Final = 0.005
+LEAST_SHARE_AT_END: Final = 0.005  # of the known values: extremes that repeat less often are chance
 NEIGHBOURS: Final = 33  # samples: two at the end stop are a share of 6 %, where noise is cut at 1.5 standard deviations
 DISTINCT_SHARE: Final = 0.5  # of the values between the ends that are distinct: a measurement with noise
 
@@ -203,7 +203,7 @@ def least_reported(torque_Nm: FloatArray, speed_rad_s: FloatArray, wheel: Wheel)
 SEGMENTS: Final = 200  # segments of a record
 LEAST_SLOTS: Final = 8  # of a segment
 SAME_WITHIN: Final = 0.05  # of a ratio of units: 10 for 9.55 is an inertia with its point misplaced, reported as well
-STANDARD_ERRORS: Final = 3.0
+STANDARD_ERRORS: Final = 3.0  # 0.3 % of Gaussian estimates lie further off
 KNOWN_WITHIN: Final = 0.1  # of a value: if STANDARD_ERRORS standard errors are more, it raises no question
 # Implied inertia over that of the wheel file, by what the column of the speed contains.
 SPEED_UNITS: Final = (

@@ -26,7 +26,7 @@ from rwa_monitor.samples import TINY, BoolArray, FloatArray, IntArray
 ENOUGH_DIFFERENCES: Final = 20_000  # differences at a lag, from which their median is known to about one per cent
 MAX_LAG: Final = 96  # slots, at which the autocorrelation of AR(1) with φ = 0.95 is below 1 %
 LONGEST_QUIET: Final = 8  # insignificant lags in a row; after a longer run the autocovariance is set to zero
-MEDIAN_OF_ABSOLUTE_NORMAL: Final = 0.674489750196082
+MEDIAN_OF_ABSOLUTE_NORMAL: Final = 0.674489750196082  # of |x| for a standard normal x: its 75 % quantile
 CLIP_AT: Final = 4.0  # standard deviations; 6e-5 of Gaussian samples lie beyond
 OUTLIER_NEIGHBOURHOOD: Final = 7  # slots of a running median; four deviating slots or more are a level, not an outlier
 
@@ -137,7 +137,7 @@ def in_turn(function: Callable[[Item], Result], items: Iterable[Item], /) -> lis
 # ---- caches of values that a search computes repeatedly, within a limit: columns, levels -----------------------------
 
 
-CACHE_BYTES: Final = 400_000_000
+CACHE_BYTES: Final = 400_000_000  # some 600 columns of 80,000 samples
 RECENT: Final = 4  # values that are kept: enough for the models that are being extended
 
 Value = TypeVar("Value")

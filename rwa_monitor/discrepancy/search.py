@@ -16,7 +16,7 @@ from rwa_monitor.discrepancy.likelihood import least_gain
 from rwa_monitor.discrepancy.score import wald
 from rwa_monitor.discrepancy.terms import Found, Model, SearchResult, nested_to
 
-MAX_EFFECTS: Final = 4
+MAX_EFFECTS: Final = 4  # in one model
 WORTH_SWAPPING: Final = 2.0 * SETTLED  # decrease of the score from which an exchange is made: two fits settled
 
 

@@ -19,9 +19,9 @@ from rwa_monitor.samples import BoolArray, FloatArray
 BINS: Final = 40  # errata 13
 # Cost of a margin violation. Both kinds of feature lie in [0, 1]; histograms of 40 bins need a large cost to use them.
 SVM_COST: Final = 100.0
-SVM_TOLERANCE: Final = 1e-10
+SVM_TOLERANCE: Final = 1e-10  # of its stopping criterion
 SVM_ITERATIONS: Final = 100_000
-CALIBRATION_WEIGHT: Final = 1e-3
+CALIBRATION_WEIGHT: Final = 1e-3  # of the squared slope: finite where the classes are separable
 
 
 def classified_values(features: Features) -> tuple[FloatArray, ...]:

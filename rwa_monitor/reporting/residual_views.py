@@ -23,7 +23,7 @@ BINS: Final = 24  # of equal counts
 MIN_PER_BIN: Final = 12  # samples; fewer make no mean, unless that is half of what a bin holds on average
 SLEW_SHARE: Final = 0.5  # of the largest |dω/dt|, above which the wheel slews
 LAGS: Final = 40  # slots of the autocorrelation
-JUMP_RATE_BINS: Final = 8
+JUMP_RATE_BINS: Final = 8  # of equal counts, over the speed
 FAR: Final = 4.0  # standard deviations beyond which samples are counted in the test of the tails
 
 

@@ -35,7 +35,7 @@ FAILING: Final = "wheel_3"
 ANOMALY: Final = "viscous"
 FACTOR: Final = 1.25  # on the nominal viscous friction
 ONSET_SHARE: Final = 0.3  # of the run
-GROWTH_WINDOWS: Final = 0.5
+GROWTH_WINDOWS: Final = 0.5  # windows until the factor is reached
 # The motion of each wheel, in the order of WHEELS.
 PROFILES: Final = ("rich", "crossings", "rich", "orbit")
 PAUSE_S: Final = 60.0  # simulated time; twice as long as the wheel takes from rest to its nominal speed

@@ -179,7 +179,7 @@ def cut(telemetry: Telemetry, start: int, stop: int, wheel: Wheel) -> Telemetry:
 ROTOR_TIME_CONSTANT_S: Final = 1200.0  # s, bearing against housing: tens of minutes for a wheel of a few kilograms
 DISSIPATION_K_W: Final = 2.0  # K/W, bearing above the housing per watt of friction
 ORBITAL_SWING_K: Final = (1.0, 5.0)  # K, peak to peak over an orbit; a working assumption
-COUPLING_ROUNDS: Final = 100
+COUPLING_ROUNDS: Final = 100  # at most, of effects that depend on the motor torque that they add to
 BUS_VOLTAGE_V: Final = 28.0  # V, a regulated bus (ECSS-E-ST-20C); nothing in a simulated wheel depends on it
 STANDBY_W: Final = 3.0  # W, power of the drive's electronics; a working assumption
 QUANTUM_STD: Final = 12.0**-0.5  # of the rounding error, in steps: uniform over one step

@@ -58,7 +58,7 @@ from rwa_monitor.wheel.wheel import Wheel
 KEPT_PATHS: Final = 16  # paths ranked by the full likelihood
 MARGIN: Final = 10.0  # log-likelihood below the best at which an assignment is negligible (e^-10 < 1e-4)
 BUDGET: Final = 2000  # extensions kept per candidate
-MAX_ROUNDS: Final = 4
+MAX_ROUNDS: Final = 4  # at most, of assignment and positions in turn
 REACH: Final = (4, 32)  # by how many slots a position is refined at least and at most
 SETTLED: Final = 0.1  # change of the log-likelihood by the slope below which the iteration has converged
 SAME_JUMP: Final = 5  # slots: attributions of positions closer than this are the same

@@ -60,7 +60,7 @@ CENSORED_EXCESS: Final = 0.3  # log ratio of the assumed to the observed duratio
 VISIT_JUMPS: Final = 8  # jumps after a jump up among which the one that cancels it is searched
 CLOSED_WITHIN: Final = 3.5  # standard deviations by which the jump back may differ in size from the entry
 START_SPREAD: Final = 0.3  # of a size, at the start
-START_SIGMA: Final = 1.2
+START_SIGMA: Final = 1.2  # of the log duration, at the start
 START_STEPS: Final = (0.3, 0.5, 0.7)  # quantiles of the jumps' sizes that may be the step of a longer chain
 
 # Largest share of the visits that may be another system's. The halves of one Gaussian population, split at its middle

@@ -20,7 +20,7 @@ from rwa_monitor.errors import InputError, did_you_mean
 
 MAX_CONTENT_BYTES: Final = 1_000_000  # a wheel, a scenario or a map is a page of text, the built-in model some 20 kB
 MAX_KEY_PARTS: Final = 16  # of a dotted key a.b.c; valid files use two, and tomllib's time grows with their square
-SIGNIFICANT_DIGITS: Final = 12
+SIGNIFICANT_DIGITS: Final = 12  # of numbers in files
 _PART: Final = r"""(?:(?<![\w-])[\w-]++|"[^"\n]*+"|'[^'\n]*+')"""
 _LONG_KEY: Final = re.compile(rf"(?:{_PART}[ \t]*+\.[ \t]*+){{{MAX_KEY_PARTS}}}")
 

@@ -163,7 +163,7 @@ FIRST_SCALES: Final = ((-0.25, 0.25), (-0.5, 0.4))  # logarithms of the quiet an
 LEAST_FREEDOM: Final = HeavyTailedNoise.parameters[0].low  # degrees of freedom: a variance exists
 GAUSSIAN_FROM: Final = float(np.log(400.0))  # log of degrees of freedom from which the law is Gaussian
 LARGEST_GROWTH: Final = float(np.log(np.log1p(CageInstability.parameters[1].high)))  # as the fit has it
-MOST_EVALUATIONS: Final = 800
+MOST_EVALUATIONS: Final = 800  # of the likelihood, in the final fit
 FIRST_EVALUATIONS: Final = 120  # for each width: enough to find the best one
 
 
