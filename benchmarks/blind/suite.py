@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import hashlib
-import itertools
 import json
 import sys
 import tempfile
@@ -87,6 +86,7 @@ def main(argv: list[str] | None = None) -> int:
     """Run the plan, or its first part, and write the page."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--records", type=int, default=None, help="the first N of the plan; default: all")
+    parser.add_argument("--skip", type=int, default=0, help="so many records at the beginning of the plan are left out")
     parser.add_argument("--jobs", type=int, default=2)
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--only", default="", help="records that hide an effect whose name holds this")
@@ -94,7 +94,7 @@ def main(argv: list[str] | None = None) -> int:
     parser.add_argument("--json", type=Path, default=Path("docs/blind.json"), help="an interrupted run goes on from it")
     options = parser.parse_args(argv)
     wanted = [case for case in cases(options.seed) if options.only in " ".join((case.kind, *case.effects))]
-    wanted = list(itertools.islice(wanted, options.records))
+    wanted = wanted[options.skip : options.records]
     code = _code()
     outcomes = _done_before(options.json, wanted, code)
     known = {outcome.case for outcome in outcomes}

@@ -173,8 +173,8 @@ APART: Final = 3  # slots: central differences that far apart share no reading
 def least_reported(torque_Nm: FloatArray, speed_rad_s: FloatArray, wheel: Wheel) -> float | None:
     """Return the smallest motor torque that is reported [N m], where zero readings hide what the motion needs; or None.
 
-    As the wheel file states it; else from torque and speed on consecutive slots, float64 (n,). None where the file
-    states it of a motor that is off: there, zero is a measurement.
+    As the wheel file states it, unless the motor is off, whose zero is a measurement; else from torque and speed on
+    consecutive slots, float64 (n,).
     """
     if wheel.limits.min_current_A is not None and wheel.torque_per_ampere_Nm_A is not None:
         return None if wheel.friction.motor_off else wheel.limits.min_current_A * wheel.torque_per_ampere_Nm_A
